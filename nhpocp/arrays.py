@@ -1,0 +1,112 @@
+"""One text for CasADi and NumPy: the few operations that the formulas of this package need.
+
+``namespace(x)`` looks at the operands and returns the library that can work on them, so that a formula written
+once gives numbers for numbers and symbols for symbols. Both libraries are imported only when first asked for,
+which lets the systems declare their names and parameters without either.
+Vectors are (n,) arrays in NumPy and n×1 columns in CasADi; ``A @ x`` means the same in both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+from typing import Any
+
+Array = Any  # np.ndarray, or a CasADi SX, MX or DM
+
+
+class NumPyNamespace:
+    """Numbers."""
+
+    def __init__(self) -> None:
+        import numpy
+
+        self._np = numpy
+        self.sin, self.cos, self.sqrt = numpy.sin, numpy.cos, numpy.sqrt
+        self.atan2, self.where, self.solve = numpy.arctan2, numpy.where, numpy.linalg.solve
+        self.eye = numpy.eye
+
+    def array(self, values: Any) -> Array:
+        return self._np.asarray(values, dtype=float)
+
+    def vector(self, entries: Sequence[Any]) -> Array:
+        """Column of scalars."""
+        return self._np.array(entries, dtype=float)
+
+    def concatenate(self, parts: Sequence[Any]) -> Array:
+        """Vectors and scalars, one after another."""
+        return self._np.concatenate([self._np.atleast_1d(part) for part in parts])
+
+    def rows(self, rows: Sequence[Any]) -> Array:
+        """Matrix with these vectors as rows."""
+        return self._np.stack(rows)
+
+    def block(self, blocks: Sequence[Sequence[Any]]) -> Array:
+        return self._np.block([list(row) for row in blocks])
+
+    def dot(self, a: Array, b: Array) -> Array:
+        return a @ b
+
+
+class CasadiNamespace:
+    """Symbols (SX, MX) and CasADi's own numbers (DM)."""
+
+    def __init__(self) -> None:
+        import casadi
+
+        self._ca = casadi
+        self.sin, self.cos, self.sqrt = casadi.sin, casadi.cos, casadi.sqrt
+        self.atan2, self.where, self.solve = casadi.atan2, casadi.if_else, casadi.solve
+        self.eye, self.array, self.dot = casadi.DM.eye, casadi.DM, casadi.dot
+
+    def vector(self, entries: Sequence[Any]) -> Array:
+        return self._ca.vertcat(*entries)
+
+    concatenate = vector
+
+    def rows(self, rows: Sequence[Any]) -> Array:
+        return self._ca.vertcat(*[row.T for row in rows])
+
+    def block(self, blocks: Sequence[Sequence[Any]]) -> Array:
+        return self._ca.vertcat(*[self._ca.horzcat(*row) for row in blocks])
+
+
+Namespace = NumPyNamespace | CasadiNamespace
+_numpy, _casadi = cache(NumPyNamespace), cache(CasadiNamespace)
+
+
+def namespace(*operands: Any) -> Namespace:
+    """CasADi if any operand belongs to it, else NumPy."""
+    symbolic = any(type(operand).__module__.partition(".")[0] == "casadi" for operand in operands)
+    return _casadi() if symbolic else _numpy()
+
+
+def cross(a: Array, b: Array) -> Array:
+    """a × b of two 3-vectors."""
+    return namespace(a, b).vector(
+        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    )
+
+
+def dot(a: Array, b: Array) -> Array:
+    """a · b."""
+    return namespace(a, b).dot(a, b)
+
+
+def norm(a: Array) -> Array:
+    """Euclidean length of a vector; not differentiable at 0."""
+    xp = namespace(a)
+    return xp.sqrt(xp.dot(a, a))
+
+
+def unit(a: Array) -> Array:
+    """a / |a|."""
+    return a / norm(a)
+
+
+def solve_3x3(rows: Sequence[Array], right: Array) -> Array:
+    """x with ``rows[i] · x = right[i]`` by Cramer's rule: one division, and no factorisation to differentiate."""
+    r1, r2, r3 = rows
+    xp = namespace(r1, right)
+    c1, c2, c3 = cross(r2, r3), cross(r3, r1), cross(r1, r2)
+    return (c1 * right[0] + c2 * right[1] + c3 * right[2]) / xp.dot(r1, c1)

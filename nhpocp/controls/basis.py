@@ -1,0 +1,52 @@
+"""The contract of a control basis: u(t) = Λ φ(t), Λ one row of coefficients per input."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar, Literal, Protocol
+
+from nhpocp.arrays import Array
+
+Side = Literal["right", "left"]
+
+
+class ControlBasis(Protocol):
+    r"""Functions φ_1…φ_size on [0, T] that span the control of each input.
+
+    With λ the rows of Λ one after another, u(t) = P(t) λ and P(t) = I ⊗ φ(t)ᵀ, [Paper] section 4.
+    """
+
+    kind: ClassVar[str]
+
+    @property
+    def size(self) -> int:
+        """Functions per input."""
+        ...
+
+    @property
+    def labels(self) -> list[str]:
+        """A name per function."""
+        ...
+
+    def values(self, time: Array, horizon: float) -> Array:
+        """φ(t) (size,) for a number or a CasADi symbol t [time]; continuous bases only need this."""
+        ...
+
+    def table(self, times: Array, horizon: float, side: Side = "right") -> Array:
+        """φ at many times (NumPy, (k,) → (k, size)); at a breakpoint the limit from the given side."""
+        ...
+
+    def gram(self, horizon: float) -> Array:
+        """∫₀ᵀ φ φᵀ dt, size × size."""
+        ...
+
+    def breakpoints(self, horizon: float) -> Array:
+        """Times inside (0, T) where φ is not smooth."""
+        ...
+
+    def parameters(self) -> dict[str, Any]:
+        """Plain data from which ``type(self)(**parameters)`` builds the same basis."""
+        ...
+
+    def to_json(self, coefficients: Array, horizon: float) -> dict[str, Any]:
+        """What a solution file says of a control over this basis."""
+        ...

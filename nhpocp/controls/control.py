@@ -1,0 +1,50 @@
+"""A control as a function of time: a basis, its coefficients and the horizon."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from nhpocp.arrays import Array
+from nhpocp.controls.basis import ControlBasis, Side
+from nhpocp.errors import InvalidProblemError
+
+
+@dataclass(frozen=True)
+class Control:
+    """u(t) = Λ φ(t) on [0, horizon]; coefficients Λ: inputs × basis functions."""
+
+    basis: ControlBasis
+    coefficients: Array
+    horizon: float = 1.0
+
+    def __post_init__(self) -> None:
+        coefficients = np.array(self.coefficients, dtype=float)
+        if coefficients.ndim != 2 or coefficients.shape[1] != self.basis.size:
+            raise InvalidProblemError(
+                f"control coefficients have shape {coefficients.shape}; expected one row per input and "
+                f"{self.basis.size} columns ({', '.join(self.basis.labels[:6])}{', …' if self.basis.size > 6 else ''})"
+            )
+        coefficients.flags.writeable = False
+        object.__setattr__(self, "coefficients", coefficients)
+
+    def __call__(self, times: Array, side: Side = "right") -> Array:
+        """Values at times (k,) → (k, inputs)."""
+        return self.basis.table(np.atleast_1d(times), self.horizon, side) @ self.coefficients.T
+
+    @property
+    def effort(self) -> float:
+        """∫₀ᵀ |u|² dt, exactly, from the Gram matrix."""
+        return float(
+            np.einsum("ij,jk,ik->", self.coefficients, self.basis.gram(self.horizon), self.coefficients)
+        )
+
+    @property
+    def breakpoints(self) -> Array:
+        """Times inside (0, T) where the control is not smooth."""
+        return self.basis.breakpoints(self.horizon)
+
+    def to_json(self) -> dict[str, Any]:
+        return self.basis.to_json(self.coefficients, self.horizon)

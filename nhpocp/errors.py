@@ -1,0 +1,42 @@
+"""The errors a user can meet. Each message says what came, what was expected, what to write instead."""
+
+from __future__ import annotations
+
+
+class NhpocpError(Exception):
+    """Base of every error that nhpocp raises on purpose."""
+
+
+class InvalidProblemError(NhpocpError, ValueError):
+    """A problem, a setting or a file that cannot be used as it stands.
+
+    ``file``, ``line``, ``column`` (both from 1) and ``path`` (dotted key) say where, as far as they are known.
+    """
+
+    def __init__(
+        self,
+        message: str,
+        *,
+        path: str | None = None,
+        file: str | None = None,
+        line: int | None = None,
+        column: int | None = None,
+    ) -> None:
+        super().__init__(message)
+        self.message, self.path, self.file, self.line, self.column = message, path, file, line, column
+
+    def __str__(self) -> str:
+        place = ":".join(str(part) for part in (self.file, self.line, self.column) if part is not None)
+        return ": ".join(part for part in (place, self.path, self.message) if part)
+
+
+class OrientationAtPiError(NhpocpError, ValueError):
+    """The logarithm of a half turn: its axis has two signs, so the error of orientation has no direction."""
+
+
+class UnreadableSolutionError(NhpocpError, ValueError):
+    """A folder that is not a solution folder, or one that was damaged."""
+
+
+class MissingDependencyError(NhpocpError, ImportError):
+    """An optional part that is not installed; the message says how to install it."""

@@ -1,0 +1,185 @@
+"""A planning problem: a system, where it starts, where it should end, and what the plan must respect."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from nhpocp.arrays import Array
+from nhpocp.constraints import Bound
+from nhpocp.controls.basis import ControlBasis
+from nhpocp.controls.control import Control
+from nhpocp.controls.fourier import Fourier
+from nhpocp.errors import InvalidProblemError
+from nhpocp.state_space import StateSpace
+from nhpocp.systems.system import System
+
+OBJECTIVES = ("effort", "leg_effort", "path_length", "time")
+
+
+@dataclass(frozen=True)
+class Horizon:
+    """The duration T: fixed, or free between two values for the solvers that can choose it."""
+
+    initial: float | None = 1.0
+    minimum: float | None = None
+    maximum: float | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("initial", "minimum", "maximum"):
+            value = getattr(self, name)
+            if value is not None and not (np.isfinite(value) and value > 0):
+                raise InvalidProblemError(
+                    f"{value:g} is not a duration; expected a number > 0", path="horizon"
+                )
+        if self.free and not (self.minimum or 0) < (self.maximum or np.inf):
+            raise InvalidProblemError("min must be below max", path="horizon")
+
+    @property
+    def free(self) -> bool:
+        return self.minimum is not None or self.maximum is not None
+
+    @property
+    def fixed(self) -> float:
+        """The duration that a solver holds which cannot choose it."""
+        if self.initial is None:
+            raise InvalidProblemError(
+                "the horizon is free and the Jacobian method holds it fixed; add `initial: 1` beside min and max",
+                path="horizon",
+            )
+        return self.initial
+
+
+@dataclass(frozen=True)
+class Via:
+    """A pose to pass at a share of the horizon."""
+
+    share: float
+    goal: Mapping[str, Array]
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlanningProblem:
+    """Steer ``system`` from ``start`` to ``goal``.
+
+    start: a value for every block of the state; goal: a value for every block that matters (the others are free).
+    initial: coefficients Λ₀ (inputs × basis functions), or None to let the solver draw a seeded start.
+    error_length: the length that counts as much as one radian in E; length_scale divides the rotation columns of the
+    regularity matrices (None: the system's own length). solvers: solver objects by name, used by `nhpocp.solve`.
+    Errors: `InvalidProblemError` where the parts do not fit together.
+    """
+
+    system: System
+    start: Mapping[str, Any]
+    goal: Mapping[str, Any]
+    name: str = "problem"
+    horizon: Horizon = field(default_factory=Horizon)
+    basis: ControlBasis = field(default_factory=Fourier)
+    initial: Any = None
+    objective: str = "effort"
+    error_length: float = 1.0
+    length_scale: float | None = None
+    via: Sequence[Via] = ()
+    bounds: Sequence[Bound] = ()
+    solvers: Mapping[str, Any] = field(default_factory=dict)
+    samples: int = 201
+    pictures: bool = True
+    reference: Mapping[str, Any] = field(default_factory=dict)
+    source: str | None = None  # the problem file's text, as read
+
+    def __post_init__(self) -> None:
+        space = self.system.state_space
+        for part, complete in (("start", True), ("goal", False)):
+            values = getattr(self, part)
+            object.__setattr__(self, part, checked_values(space, values, part, complete=complete))
+        if self.objective not in OBJECTIVES:
+            raise InvalidProblemError(
+                f"{self.objective!r} is none of {', '.join(OBJECTIVES)}", path="objective"
+            )
+        for name in ("error_length", "length_scale"):
+            value = getattr(self, name)
+            if value is not None and not (np.isfinite(value) and value > 0):
+                raise InvalidProblemError(f"{value:g} is not a length > 0", path=name)
+        if self.samples < 2:
+            raise InvalidProblemError("a trajectory needs at least 2 samples", path="output.samples")
+        if self.initial is not None:
+            coefficients = Control(self.basis, self.initial).coefficients
+            inputs = self.system.input_space.size
+            if len(coefficients) != inputs:
+                raise InvalidProblemError(
+                    f"{len(coefficients)} rows; the system has {inputs} inputs "
+                    f"({', '.join(self.system.input_space.labels)}), one row each",
+                    path="control.initial",
+                )
+            object.__setattr__(self, "initial", coefficients)
+
+    @cached_property
+    def start_point(self) -> Array:
+        """The start as a packed point (size,)."""
+        return np.asarray(self.system.state_space.pack(self.start), dtype=float)
+
+    @cached_property
+    def goal_point(self) -> Array:
+        """The goal as a packed point; free blocks keep the start's value (and have weight 0)."""
+        return np.asarray(self.system.state_space.pack({**self.start, **self.goal}), dtype=float)
+
+    @cached_property
+    def error_rows(self) -> Array:
+        """Indices of the tangent numbers that the goal fixes."""
+        space = self.system.state_space
+        ranges = [
+            np.arange(space.dimension)[space.tangent_slice(name)] for name in space.names if name in self.goal
+        ]
+        return np.concatenate(ranges) if ranges else np.empty(0, dtype=int)
+
+    @cached_property
+    def error_weights(self) -> Array:
+        """Weight of each fixed tangent number in E."""
+        return np.asarray(self.system.state_space.weights(self.error_length))[self.error_rows]
+
+    @property
+    def scale(self) -> float:
+        """The length that divides the rotation columns of the regularity matrices."""
+        return self.length_scale or self.system.default_length_scale()
+
+    def control(self, coefficients: Array, horizon: float | None = None) -> Control:
+        """A control over the problem's own basis."""
+        return Control(self.basis, coefficients, horizon or self.horizon.fixed)
+
+
+def checked_values(
+    space: StateSpace, values: Mapping[str, Any], part: str, *, complete: bool
+) -> dict[str, Array]:
+    """Values per block as read-only arrays of the right shape; rotations must be rotations within 1e-6."""
+    unknown = [name for name in values if name not in space.names]
+    missing = [name for name in space.names if name not in values] if complete else []
+    if unknown or missing or not values:
+        raise InvalidProblemError(
+            f"expected {'all' if complete else 'some'} of {', '.join(space.names)}"
+            + (f"; unknown: {', '.join(unknown)}" if unknown else "")
+            + (f"; missing: {', '.join(missing)}" if missing else ""),
+            path=part,
+        )
+    checked = {}
+    for block in space.blocks:
+        if block.name not in values:
+            continue
+        value = np.array(values[block.name], dtype=float)
+        path = f"{part}.{block.name}"
+        if value.shape != block.shape:
+            raise InvalidProblemError(f"shape {value.shape}; expected {block.shape}", path=path)
+        if not np.all(np.isfinite(value)):
+            raise InvalidProblemError("NaN or infinity; expected finite numbers", path=path)
+        if block.kind == "rotation":
+            defect = max(np.abs(value @ value.T - np.eye(3)).max(), abs(np.linalg.det(value) - 1))
+            if defect > 1e-6:
+                raise InvalidProblemError(
+                    f"no rotation matrix: RᵀR or det R is off by {defect:.2g}", path=path
+                )
+        value.flags.writeable = False
+        checked[block.name] = value
+    return checked

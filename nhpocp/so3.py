@@ -1,0 +1,182 @@
+"""SO(3): hat, vee, exp, log and their left Jacobians, one text for CasADi and NumPy.
+
+A rotation vector w is the angle |w| about the axis w/|w|. Left Jacobian: exp(w + δ) = exp(J_l(w) δ) exp(w) to first
+order in δ. [Barfoot, State Estimation for Robotics, ch. 7]; [Paper] under eq. (8) for the logarithm.
+
+Every quotient that is 0/0 at w = 0 goes over to its Taylor series there. CasADi's ``if_else`` differentiates both
+branches, so the dead branch is fed 1 instead of the small number and stays finite with finite derivatives.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import factorial, pi
+from typing import Any
+
+from nhpocp.arrays import Array, dot, namespace, norm
+from nhpocp.errors import OrientationAtPiError
+
+SERIES_BELOW = 0.25  # |w|² under which the series are used; their first dropped terms are below 1e-18 there
+
+
+def hat(w: Array) -> Array:
+    """[w], the 3×3 skew matrix with [w] x = w × x."""
+    xp = namespace(w)
+    zero = 0.0 * w[0]
+    return xp.rows(
+        [xp.vector(row) for row in ([zero, -w[2], w[1]], [w[2], zero, -w[0]], [-w[1], w[0], zero])]
+    )
+
+
+def vee(matrix: Array) -> Array:
+    """The vector of the skew part: ``vee(hat(w)) = w``; a symmetric part is dropped."""
+    m = matrix
+    return 0.5 * namespace(m).vector([m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]])
+
+
+def _series(x: Array, coefficients: list[float]) -> Array:
+    value = coefficients[-1]
+    for coefficient in reversed(coefficients[:-1]):
+        value = coefficient + x * value
+    return value
+
+
+def _coefficients(w: Array) -> tuple[Array, Array, Array]:
+    """sin a / a, (1 - cos a) / a², (a - sin a) / a³ of the angle a = |w|."""
+    xp = namespace(w)
+    squared = dot(w, w)
+    near = squared < SERIES_BELOW
+    safe = xp.where(near, 1.0, squared)
+    angle = xp.sqrt(safe)
+    small = xp.where(near, squared, 0.0)  # keeps the series' own dead branch small
+    terms = range(8)
+    first = xp.where(
+        near, _series(small, [(-1) ** k / factorial(2 * k + 1) for k in terms]), xp.sin(angle) / angle
+    )
+    # half angles: 1 - cos a would cancel
+    half = xp.sin(0.5 * angle) / (0.5 * angle)
+    second = xp.where(
+        near, _series(small, [(-1) ** k / factorial(2 * k + 2) for k in terms]), 0.5 * half * half
+    )
+    third = xp.where(
+        near,
+        _series(small, [(-1) ** k / factorial(2 * k + 3) for k in terms]),
+        (angle - xp.sin(angle)) / (safe * angle),
+    )
+    return first, second, third
+
+
+def exp(w: Array) -> Array:
+    """The rotation by the vector w. [Rodrigues]"""
+    first, second, _ = _coefficients(w)
+    skew = hat(w)
+    return namespace(w).eye(3) + first * skew + second * (skew @ skew)
+
+
+def left_jacobian(w: Array) -> Array:
+    """J_l(w), 3×3: d exp(w) = [J_l(w) dw] exp(w)."""
+    _, second, third = _coefficients(w)
+    skew = hat(w)
+    return namespace(w).eye(3) + second * skew + third * (skew @ skew)
+
+
+def left_jacobian_inverse(w: Array) -> Array:
+    """J_l(w)⁻¹, 3×3; regular for |w| < 2π."""
+    xp = namespace(w)
+    first, second, _ = _coefficients(w)
+    squared = dot(w, w)
+    near = squared < SERIES_BELOW
+    safe = xp.where(near, 1.0, squared)
+    small = xp.where(near, squared, 0.0)
+    bernoulli = [1 / 12, 1 / 720, 1 / 30240, 1 / 1209600, 1 / 47900160, 691 / 1307674368000, 1 / 74724249600]
+    quotient = xp.where(near, _series(small, bernoulli), (1 - first / (2 * second)) / safe)
+    skew = hat(w)
+    return xp.eye(3) - 0.5 * skew + quotient * (skew @ skew)
+
+
+def angle(rotation: Array) -> Array:
+    """Angle of rotation in [0, π]."""
+    return namespace(rotation).atan2(norm(vee(rotation)), _cosine(rotation))
+
+
+def _cosine(rotation: Array) -> Array:
+    return 0.5 * (rotation[0, 0] + rotation[1, 1] + rotation[2, 2] - 1)
+
+
+def log(rotation: Array) -> Array:
+    """Rotation vector of R, |log R| < π: the paper's α/(2 sin α) (R - Rᵀ) as a vector.
+
+    The angle comes from atan2(sin α, cos α), accurate from 0 to π; α/sin α is a series in sin²α near 0 (never near
+    π, where sin α is as small).
+
+    Errors: with numbers, `OrientationAtPiError` where sin α < 1e-8 and cos α < 0; symbols cannot be checked.
+    """
+    xp = namespace(rotation)
+    axis = vee(rotation)  # sin α times the unit axis
+    squared, cosine = dot(axis, axis), _cosine(rotation)
+    numbers = type(squared).__module__.partition(".")[0] != "casadi"
+    if numbers and cosine < 0 and squared < 1e-16:
+        raise OrientationAtPiError(
+            f"the two orientations differ by {angle(rotation):.9f} rad, a half turn within 1e-8: the rotation error "
+            f"has no unique axis at π = {pi:.9f}; turn the goal or the start by a small angle"
+        )
+    near = xp.where(cosine > 0, xp.where(squared < 1e-3, 1.0, 0.0), 0.0) > 0.5
+    sine = xp.sqrt(xp.where(near, 1.0, squared))
+    small = xp.where(near, squared, 0.0)
+    # arcsin(s)/s in powers of s²
+    series = _series(small, [1.0, 1 / 6, 3 / 40, 15 / 336, 105 / 3456, 945 / 42240, 10395 / 599040])
+    return xp.where(near, series, xp.atan2(sine, cosine) / sine) * axis
+
+
+def from_rpy(angles: Array) -> Array:
+    """R = Rz(yaw) Ry(pitch) Rx(roll) of the angles (roll, pitch, yaw) [rad]. [Paper] section 4, RPY."""
+    xp = namespace(angles)
+    c1, c2, c3 = (xp.cos(angles[i]) for i in range(3))
+    s1, s2, s3 = (xp.sin(angles[i]) for i in range(3))
+    return xp.rows(
+        [
+            xp.vector(row)
+            for row in (
+                [c3 * c2, c3 * s2 * s1 - s3 * c1, c3 * s2 * c1 + s3 * s1],
+                [s3 * c2, s3 * s2 * s1 + c3 * c1, s3 * s2 * c1 - c3 * s1],
+                [-s2, c2 * s1, c2 * c1],
+            )
+        ]
+    )
+
+
+def to_rpy(rotation: Array) -> Array:
+    """(roll, pitch, yaw) [rad] with `from_rpy(to_rpy(R)) = R`; at pitch = ±90° roll and yaw share one angle."""
+    m, xp = rotation, namespace(rotation)
+    cosine = xp.sqrt(m[2, 1] * m[2, 1] + m[2, 2] * m[2, 2])
+    return xp.vector([xp.atan2(m[2, 1], m[2, 2]), xp.atan2(-m[2, 0], cosine), xp.atan2(m[1, 0], m[0, 0])])
+
+
+def from_quaternion(quaternion: Array) -> Array:
+    """Rotation of the unit quaternion (w, x, y, z)."""
+    xp = namespace(quaternion)
+    scalar = quaternion[0]
+    skew = hat(quaternion[1:4])
+    return xp.eye(3) + 2 * scalar * skew + 2 * (skew @ skew)
+
+
+def nearest(matrix: Array) -> Array:
+    """The rotation nearest to a 3×3 matrix of numbers in the Frobenius norm (its polar factor)."""
+    import numpy as np
+
+    left, _, right = np.linalg.svd(np.asarray(matrix, dtype=float))
+    return left @ np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))]) @ right
+
+
+def from_mapping(value: Mapping[str, Any]) -> Array:
+    """Rotation written as one of rpy, quaternion, rotvec, matrix (numbers)."""
+    import numpy as np
+
+    makers = {
+        "rpy": from_rpy,
+        "quaternion": lambda q: from_quaternion(q / np.linalg.norm(q)),
+        "rotvec": exp,
+        "matrix": nearest,
+    }
+    ((kind, numbers),) = value.items()
+    return makers[kind](np.asarray(numbers, dtype=float))

@@ -1,0 +1,181 @@
+"""What a solver hands back, how it can end, and what verification says of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from enum import Enum
+from typing import Any, Protocol
+
+from nhpocp.arrays import Array
+from nhpocp.constraints import BoundReport
+from nhpocp.controls.control import Control
+from nhpocp.problem import PlanningProblem
+
+
+class Outcome(Enum):
+    """How a solve can end; each with a sentence that says what to try."""
+
+    CONVERGED = "converged"
+    NOT_VERIFIED = "not_verified"
+    CONSTRAINT_VIOLATED = "constraint_violated"
+    ITERATION_LIMIT = "iteration_limit"
+    STAGNATED = "stagnated"
+    DIVERGED = "diverged"
+    RANK_DEFICIENT = "rank_deficient"
+    SINGULAR_S = "singular_s"
+    SINGULAR_W = "singular_w"
+    ORIENTATION_AT_PI = "orientation_at_pi"
+    NOT_FINITE = "not_finite"
+    INFEASIBLE = "infeasible"
+    NOT_REACHED = "not_reached"
+    OTHER_COMPONENT = "other_component"
+    INTERRUPTED = "interrupted"
+    SOLVER_ERROR = "solver_error"
+
+    @property
+    def advice(self) -> str:
+        return _ADVICE[self]
+
+
+_ADVICE = {
+    Outcome.CONVERGED: "The goal is reached and the path was confirmed by an independent integration.",
+    Outcome.NOT_VERIFIED: "The solver's path does not survive re-integration; use more steps or intervals.",
+    Outcome.CONSTRAINT_VIOLATED: "The goal is reached but a stated constraint is broken; loosen it, or use the nlp solver.",
+    Outcome.ITERATION_LIMIT: "The error still falls; raise max_iterations or gamma.",
+    Outcome.STAGNATED: "The error no longer falls; try another control.initial, more harmonics, or a smaller gamma.",
+    Outcome.DIVERGED: "The error grows without bound; try a smaller gamma or another control.initial.",
+    Outcome.RANK_DEFICIENT: "The control cannot move the end point in every direction; use `initial: auto`.",
+    Outcome.SINGULAR_S: "The path runs into det S = 0, where eq. (7) is undefined; try another control.initial, a smaller gamma or `form: original`.",
+    Outcome.SINGULAR_W: "The path runs into det W = 0, where the actuators lose the platform; try another control.initial.",
+    Outcome.ORIENTATION_AT_PI: "The orientation error is a half turn, whose axis is ambiguous; try another control.initial or turn the goal slightly.",
+    Outcome.NOT_FINITE: "The integration overflowed; try more steps or a smaller initial control.",
+    Outcome.INFEASIBLE: "The constraints cannot be met together; loosen the ones named.",
+    Outcome.NOT_REACHED: "Every way that was tried failed; see the message for what was tried.",
+    Outcome.OTHER_COMPONENT: "Start and goal lie on different sides of a singular surface; choose a goal on the start's side.",
+    Outcome.INTERRUPTED: "The solve was stopped by hand; what was found so far is kept.",
+    Outcome.SOLVER_ERROR: "The solver itself failed; see solver.log.",
+}
+
+
+@dataclass(frozen=True)
+class Crossing:
+    """A change of sign of a determinant along the path."""
+
+    which: str  # det_s or det_w
+    time: float
+    state: Mapping[str, Any]  # the pose there, plain data
+    returns: bool  # the sign comes back later, so start and goal agree
+
+    def to_json(self) -> dict[str, Any]:
+        return {"which": self.which, "t": self.time, "returns": self.returns, **self.state}
+
+
+@dataclass(frozen=True)
+class Replay:
+    """An independent integration of a stored control."""
+
+    error: float | None  # E at the time reached; None where the end was not reached
+    reached: float  # time up to which the equations could be integrated
+    ok: bool
+
+    def to_json(self) -> dict[str, Any]:
+        return {"error": self.error, "reached_t": self.reached, "ok": self.ok}
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What an independent check found; ``ok`` only where everything that must hold does."""
+
+    error: float | None
+    ok: bool
+    method: str
+    reasons: Sequence[str] = ()  # why not ok
+    original: Replay | None = None
+    rolling: float | None = None  # max |r·ω_leg|/|ω_leg| from geometry alone
+    leg_rate: float | None = None  # max |l̇ - u|/|u| from geometry alone
+    orthogonality: float | None = None  # max |RᵀR - I| along the replay
+    trajectory_deviation: float | None = None  # max distance of the stored trajectory from the replay
+    crossings: Sequence[Crossing] = ()
+    bounds: Sequence[BoundReport] = ()
+    warnings: Sequence[str] = ()
+
+    def to_json(self) -> dict[str, Any]:
+        return {
+            "error": self.error,
+            "ok": self.ok,
+            "method": self.method,
+            "reasons": list(self.reasons),
+            "original": self.original.to_json() if self.original else None,
+            "rolling": self.rolling,
+            "leg_rate": self.leg_rate,
+            "orthogonality": self.orthogonality,
+            "trajectory_deviation": self.trajectory_deviation,
+        }
+
+
+@dataclass(frozen=True, kw_only=True)
+class Solution:
+    """A control, the motion it makes, and how it was found.
+
+    trajectory: arrays by name, samples first; "t" [time], then state blocks, inputs, outputs and margins.
+    iterations: one record per evaluated control. final_error: E as the solver believes; verdict: what verification
+    says of it (None before).
+    """
+
+    problem: PlanningProblem
+    solver: str
+    settings: Mapping[str, Any]
+    tolerance: float
+    outcome: Outcome
+    message: str
+    final_error: float
+    control: Control
+    trajectory: Mapping[str, Array]
+    iterations: Sequence[Mapping[str, Any]] = ()
+    evaluations: int = 0
+    objective: str = "none"
+    warnings: Sequence[str] = ()
+    timing: Mapping[str, float] = field(default_factory=dict)
+    log: str = ""
+    details: Mapping[str, Any] = field(
+        default_factory=dict
+    )  # what only one solver has to say, plain JSON data
+    verdict: Verdict | None = None
+
+    @property
+    def converged(self) -> bool:
+        """True only where the solver claims it and verification confirms it."""
+        return self.outcome is Outcome.CONVERGED and self.verdict is not None and self.verdict.ok
+
+    def judged(self, verdict: Verdict, verify_seconds: float = 0.0) -> Solution:
+        """The same solution with a verdict; a claim that it refutes changes the outcome."""
+        outcome, message = self.outcome, self.message
+        if outcome is Outcome.CONVERGED and not verdict.ok:
+            broken = [report for report in verdict.bounds if not report.ok]
+            only_bounds = bool(broken) and len(verdict.reasons) == len(broken)
+            outcome = Outcome.CONSTRAINT_VIOLATED if only_bounds else Outcome.NOT_VERIFIED
+            message = f"{'; '.join(verdict.reasons)}. {outcome.advice}"
+        timing = {**self.timing, "verify_s": verify_seconds}
+        timing["total_s"] = sum(timing.get(key, 0.0) for key in ("build_s", "solve_s", "verify_s"))
+        return replace(self, outcome=outcome, message=message, verdict=verdict, timing=timing)
+
+
+class Progress(Protocol):
+    """Called after every iteration with its record."""
+
+    def __call__(self, record: Mapping[str, Any]) -> None: ...
+
+
+class Solver(Protocol):
+    """A way to solve a `PlanningProblem`."""
+
+    name: str
+
+    def settings(self) -> dict[str, Any]:
+        """Every setting as plain data, under the problem file's names."""
+        ...
+
+    def solve(self, problem: PlanningProblem, progress: Progress | None = None) -> Solution:
+        """A Solution whatever happens: failures are outcomes, not exceptions; Ctrl-C becomes `interrupted`."""
+        ...

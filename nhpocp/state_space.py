@@ -1,0 +1,211 @@
+"""Named blocks of R^n × SO(3)^k: how a state is packed, moved and compared.
+
+A point is one flat vector of ``size`` numbers, a rotation taking nine (its rows, platform to base). A tangent vector
+has ``dimension`` numbers, a rotation taking three: the angular velocity ω in base coordinates, Ṙ = [ω] R.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from nhpocp import so3
+from nhpocp.arrays import Array, namespace, norm
+from nhpocp.errors import InvalidProblemError
+
+Kind = Literal["vector", "scalar", "rotation"]
+Unit = Literal["length", "angle", ""]
+
+
+@dataclass(frozen=True)
+class Block:
+    """One named part of a state or of an input."""
+
+    name: str
+    kind: Kind
+    components: int = 1  # of a vector
+    unit: Unit = ""
+
+    @property
+    def size(self) -> int:
+        """Numbers in a packed point."""
+        return {"vector": self.components, "scalar": 1, "rotation": 9}[self.kind]
+
+    @property
+    def dimension(self) -> int:
+        """Numbers in a tangent vector."""
+        return {"vector": self.components, "scalar": 1, "rotation": 3}[self.kind]
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of the block's value."""
+        return {"vector": (self.components,), "scalar": (), "rotation": (3, 3)}[self.kind]
+
+    @property
+    def labels(self) -> list[str]:
+        """One column name per packed number."""
+        if self.kind == "scalar":
+            return [self.name]
+        if self.kind == "rotation":
+            return [f"{self.name}[{i}][{j}]" for i in range(3) for j in range(3)]
+        return [f"{self.name}[{i}]" for i in range(self.components)]
+
+
+def vector(name: str, components: int, unit: Unit = "") -> Block:
+    return Block(name, "vector", components, unit)
+
+
+def scalar(name: str, unit: Unit = "") -> Block:
+    return Block(name, "scalar", 1, unit)
+
+
+def rotation(name: str) -> Block:
+    return Block(name, "rotation", 3, "angle")
+
+
+class StateSpace:
+    """A product of blocks, in order. Points may be numbers or CasADi symbols."""
+
+    def __init__(self, blocks: Sequence[Block]) -> None:
+        self.blocks = tuple(blocks)
+        self.names = tuple(block.name for block in blocks)
+        self.size = sum(block.size for block in blocks)
+        self.dimension = sum(block.dimension for block in blocks)
+        self._points: dict[str, slice] = {}
+        self._tangents: dict[str, slice] = {}
+        point = tangent = 0
+        for block in blocks:
+            self._points[block.name] = slice(point, point + block.size)
+            self._tangents[block.name] = slice(tangent, tangent + block.dimension)
+            point, tangent = point + block.size, tangent + block.dimension
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, StateSpace) and self.blocks == other.blocks
+
+    def __hash__(self) -> int:
+        return hash(self.blocks)
+
+    def __repr__(self) -> str:
+        return f"StateSpace({', '.join(f'{block.name}: {block.kind}{list(block.shape)}' for block in self.blocks)})"
+
+    @property
+    def labels(self) -> list[str]:
+        """One column name per number of a packed point."""
+        return [label for block in self.blocks for label in block.labels]
+
+    def tangent_slice(self, name: str) -> slice:
+        """Where a block's velocity stands in a tangent vector."""
+        return self._tangents[name]
+
+    def point_slice(self, name: str) -> slice:
+        """Where a block's numbers stand in a packed point."""
+        return self._points[name]
+
+    def pack(self, values: Mapping[str, Any]) -> Array:
+        """One flat point (size,) from a value per block."""
+        missing = [name for name in self.names if name not in values]
+        unknown = [name for name in values if name not in self.names]
+        if missing or unknown:
+            raise InvalidProblemError(
+                f"a state needs exactly {', '.join(self.names)}"
+                + (f"; missing: {', '.join(missing)}" if missing else "")
+                + (f"; unknown: {', '.join(unknown)}" if unknown else "")
+            )
+        xp = namespace(*values.values())
+        parts = []
+        for block in self.blocks:
+            value = values[block.name]
+            if block.kind == "rotation":
+                parts += [
+                    xp.array(value)[i, :].T if isinstance(value, list) else value[i, :].T for i in range(3)
+                ]
+            else:
+                parts.append(value)
+        return xp.concatenate(parts)
+
+    def unpack(self, point: Array) -> dict[str, Array]:
+        """A value per block: (n,) vectors, scalars, 3×3 rotations."""
+        xp = namespace(point)
+        values = {}
+        for block in self.blocks:
+            part = point[self._points[block.name]]
+            if block.kind == "rotation":
+                part = xp.rows([part[0:3], part[3:6], part[6:9]])
+            elif block.kind == "scalar":
+                part = part[0]
+            values[block.name] = part
+        return values
+
+    def split(self, points: Array) -> dict[str, Array]:
+        """A NumPy array (samples, size) as one array per block: (samples,) + block.shape."""
+        return {
+            block.name: points[:, self._points[block.name]].reshape((len(points), *block.shape))
+            for block in self.blocks
+        }
+
+    def lift(self, point: Array, velocity: Array) -> Array:
+        """Time derivative (size,) of the packed point for a tangent vector (dimension,): Ṙ = [ω] R."""
+        xp, values = namespace(point, velocity), self.unpack(point)
+        parts = []
+        for block in self.blocks:
+            part = velocity[self._tangents[block.name]]
+            if block.kind == "rotation":
+                rate = so3.hat(part) @ values[block.name]
+                parts += [rate[i, :].T for i in range(3)]
+            else:
+                parts.append(part)
+        return xp.concatenate(parts)
+
+    def lower(self, point: Array, rate: Array) -> Array:
+        """The tangent vector (dimension,) of a packed derivative (size,): ω = vee(Ṙ Rᵀ). `lower(x, lift(x, ξ)) = ξ`."""
+        xp, values = namespace(point, rate), self.unpack(point)
+        parts = []
+        for block in self.blocks:
+            part = rate[self._points[block.name]]
+            if block.kind == "rotation":
+                rows = xp.rows([part[0:3], part[3:6], part[6:9]])
+                part = so3.vee(rows @ values[block.name].T)
+            parts.append(part)
+        return xp.concatenate(parts)
+
+    def retract(self, point: Array, tangent: Array) -> Array:
+        """The point reached by a tangent vector: x + δ, and exp(δ) R for rotations."""
+        xp, values = namespace(point, tangent), self.unpack(point)
+        parts = []
+        for block in self.blocks:
+            part = tangent[self._tangents[block.name]]
+            if block.kind == "rotation":
+                turned = so3.exp(part) @ values[block.name]
+                parts += [turned[i, :].T for i in range(3)]
+            else:
+                parts.append(point[self._points[block.name]] + part)
+        return xp.concatenate(parts)
+
+    def difference(self, point: Array, origin: Array) -> Array:
+        """The tangent vector from ``origin`` to ``point``: x - x₀, and log(R R₀ᵀ). [Paper] eq. (8), misprint mended.
+
+        Errors: `OrientationAtPiError` for numbers where the rotations differ by a half turn.
+        """
+        xp = namespace(point, origin)
+        here, there = self.unpack(point), self.unpack(origin)
+        parts = []
+        for block in self.blocks:
+            if block.kind == "rotation":
+                parts.append(so3.log(here[block.name] @ there[block.name].T))
+            else:
+                parts.append(here[block.name] - there[block.name])
+        return xp.concatenate(parts)
+
+    def weights(self, error_length: float) -> list[float]:
+        """One weight per tangent number: 1/error_length for lengths, 1 for the rest."""
+        return [
+            1.0 / error_length if block.unit == "length" else 1.0
+            for block in self.blocks
+            for _ in range(block.dimension)
+        ]
+
+    def distance(self, point: Array, origin: Array, error_length: float = 1.0) -> Array:
+        """E = √(|Δp/error_length|² + |r|²), [Paper] section 4 with the length made explicit."""
+        xp = namespace(point, origin)
+        return norm(xp.array(self.weights(error_length)) * self.difference(point, origin))

@@ -1,0 +1,95 @@
+"""A System as plain functions of numbers: one CasADi Function per quantity, evaluated on many samples at once."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+
+from nhpocp.arrays import Array
+from nhpocp.systems.system import System
+
+
+class NumericSystem:
+    """Evaluates a System's expressions on numbers; built once, called often."""
+
+    def __init__(self, system: System) -> None:
+        self.system = system
+        self._state = ca.SX.sym("x", system.state_space.size)
+        self._control = ca.SX.sym("u", system.input_space.size)
+
+    def _function(
+        self, name: str, expressions: dict[str, ca.SX]
+    ) -> tuple[ca.Function, dict[str, tuple[int, ...]]]:
+        shapes = {key: value.shape for key, value in expressions.items()}
+        columns = [ca.reshape(value.T, -1, 1) for value in expressions.values()]
+        return ca.Function(name, [self._state, self._control], columns or [ca.SX(0, 1)]), shapes
+
+    @cached_property
+    def rate_function(self) -> ca.Function:
+        """(x, u) ↦ ẋ of the packed point."""
+        rate = ca.densify(self.system.rate(self._state, self._control))
+        return ca.Function("rate", [self._state, self._control], [rate], ["x", "u"], ["xdot"])
+
+    @cached_property
+    def _outputs(self) -> tuple[ca.Function, dict[str, tuple[int, ...]]]:
+        outputs = self.system.outputs(self._state, self._control)
+        return self._function("outputs", {key: ca.densify(ca.SX(value)) for key, value in outputs.items()})
+
+    @cached_property
+    def _regularity(self) -> tuple[ca.Function, dict[str, tuple[int, ...]]]:
+        matrices = self.system.regularity(self._state)
+        return self._function(
+            "regularity", {key: ca.densify(ca.SX(value)) for key, value in matrices.items()}
+        )
+
+    def outputs(self, states: Array, controls: Array) -> dict[str, Array]:
+        """The system's outputs at samples: states (k, n), controls (k, m) → (k, …) each."""
+        return _evaluate(*self._outputs, states, controls)
+
+    def regularity(self, states: Array) -> dict[str, Array]:
+        """The regularity matrices at samples: (k, n) → (k, r, r) each."""
+        return _evaluate(*self._regularity, states, np.zeros((len(states), self.system.input_space.size)))
+
+    def determinants(self, states: Array) -> dict[str, Array]:
+        """det of every regularity matrix at samples, (k,) each."""
+        return {name: np.linalg.det(matrices) for name, matrices in self.regularity(states).items()}
+
+    def margins(self, states: Array, length_scale: float) -> dict[str, Array]:
+        """sigma_* (least singular value, rotation columns divided by ``length_scale``) and det_* at samples, (k,) each."""
+        found: dict[str, Array] = {}
+        for name, matrices in self.regularity(states).items():
+            finite = np.isfinite(matrices).all(axis=(1, 2))
+            scaled = np.where(
+                finite[:, None, None], matrices / self.system.column_scales(name, length_scale), 0.0
+            )
+            found[f"sigma_{name}"] = np.where(finite, np.linalg.svd(scaled, compute_uv=False)[:, -1], np.nan)
+            found[f"det_{name}"] = np.where(
+                finite, np.linalg.det(np.where(finite[:, None, None], matrices, 0)), np.nan
+            )
+        return found
+
+    def trajectory(self, states: Array, controls: Array, length_scale: float) -> dict[str, Array]:
+        """Everything worth knowing at samples: state blocks, inputs, outputs, margins; (k, …) arrays by name."""
+        return {
+            **self.system.state_space.split(states),
+            **self.system.input_space.split(controls),
+            **self.outputs(states, controls),
+            **self.margins(states, length_scale),
+        }
+
+
+def _evaluate(
+    function: ca.Function, shapes: dict[str, tuple[int, ...]], states: Array, controls: Array
+) -> dict[str, Array]:
+    if not shapes:
+        return {}
+    samples = len(states)
+    values = function.map(samples)(np.asarray(states).T, np.asarray(controls).T)
+    columns = values if isinstance(values, tuple) else (values,)
+    found = {}
+    for column, (name, (rows, cols)) in zip(columns, shapes.items(), strict=True):
+        shape = (samples, rows, cols) if cols > 1 else (samples, rows) if rows > 1 else (samples,)
+        found[name] = np.array(column).T.reshape(shape)
+    return found

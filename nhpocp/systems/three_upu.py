@@ -1,0 +1,345 @@
+"""The 3-ŬPU parallel robot: three prismatic legs, each held to the base by a non-holonomic joint. [Paper] section 2."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import cos, hypot, pi, sin
+from typing import Any, ClassVar, Literal
+
+from nhpocp.arrays import Array, cross, dot, namespace, norm, solve_3x3, unit
+from nhpocp.errors import InvalidProblemError
+from nhpocp.state_space import StateSpace, rotation, vector
+from nhpocp.systems.system import Parameter, System
+
+Vector3 = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Leg:
+    """One leg as built: joint centres a (base) and b̂ (platform coordinates), roller normal r, platform axis w4.
+
+    ``r`` is the direction about which the base joint cannot turn: fixed in the base for the Veselova joint (base
+    coordinates), fixed in the leg for the Suslov joint (coordinates along g, w3, g × w3). r and w4 become unit vectors.
+    """
+
+    base: Vector3
+    platform: Vector3
+    r: Vector3
+    w4: Vector3
+    joint: Literal["veselova", "suslov"] = "veselova"
+
+    def __post_init__(self) -> None:
+        for name in ("base", "platform", "r", "w4"):
+            values = tuple(float(value) for value in getattr(self, name))
+            if len(values) != 3:
+                raise InvalidProblemError(f"{name} of a leg has {len(values)} numbers; expected 3")
+            if name in ("r", "w4"):
+                length = hypot(*values)
+                if length < 1e-9:
+                    raise InvalidProblemError(f"{name} of a leg is the zero vector; expected a direction")
+                values = tuple(value / length for value in values)
+            object.__setattr__(self, name, values)
+
+
+@dataclass(frozen=True)
+class LegPose:
+    """The vectors of one leg at one pose, all in base coordinates; the paper's letters, [Paper] section 2 and Fig. 1."""
+
+    a: Array  # centre of the sphere
+    b: Array  # centre of the universal joint
+    length: Array  # l = |b - a|
+    g: Array  # (b - a)/l
+    r: Array  # roller normal; the base joint cannot turn about it
+    w3: Array  # first axis of the universal joint, carried by the leg: g × w4 / |g × w4|
+    w4: Array  # second axis, fixed in the platform
+    h: Array  # w3 × w4
+
+    def base_axes(self) -> tuple[Array, Array]:
+        """(w1, w2): the right-handed frame {w1, w2, r} with w1 along the part of a perpendicular to r."""
+        xp = namespace(self.a, self.r)
+        towards = self.a - dot(self.a, self.r) * self.r
+        squared = dot(towards, towards)
+        # a parallel to r leaves w1 free: any perpendicular serves, e.g. the one nearest the x axis
+        spare = (
+            xp.array([1.0, 0.0, 0.0])
+            - self.r[0] * self.r
+            + 1e-3 * (xp.array([0.0, 1.0, 0.0]) - self.r[1] * self.r)
+        )
+        w1 = unit(xp.where(squared > 1e-12 * (1 + dot(self.a, self.a)), towards, spare))
+        return w1, cross(self.r, w1)
+
+    def joint_angles(self, reference: Array) -> Array:
+        """(θ1, θ2, θ3, θ4) [rad]; ``reference`` is a platform-fixed unit vector ⟂ w4, from which θ4 counts.
+
+        θ1 about w1 and then θ2 about w2 turn r into g: the angles that an ordinary universal joint would show. The
+        non-holonomic joint's own rates ω_leg·w1, ω_leg·w2 are no time derivatives of them (nor of any function of the
+        pose: that is what makes the joint non-holonomic). θ3 is the angle about w3 from g to w4, θ4 about w4 from the
+        reference to w3.
+        """
+        xp = namespace(self.g, reference)
+        w1, w2 = self.base_axes()
+        along, across = dot(self.g, self.r), dot(self.g, w2)
+        return xp.vector(
+            [
+                xp.atan2(-across, along),
+                xp.atan2(dot(self.g, w1), xp.sqrt(across * across + along * along)),
+                xp.atan2(norm(cross(self.g, self.w4)), dot(self.g, self.w4)),
+                xp.atan2(dot(self.w4, cross(reference, self.w3)), dot(reference, self.w3)),
+            ]
+        )
+
+
+@dataclass(frozen=True)
+class Kinematics:
+    """The blocks of [Paper] eq. (1), each 3×3: u = G ṗ + K ω and 0 = S ṗ + J ω. Row i belongs to leg i."""
+
+    G: Array
+    K: Array
+    S: Array
+    J: Array
+
+    @property
+    def W(self) -> Array:
+        """[G K; S J], 6×6: singular where the actuators lose the platform."""
+        return namespace(self.G).block([[self.G, self.K], [self.S, self.J]])
+
+
+class ThreeUPU(System):
+    r"""The 3-ŬPU robot as a driftless control system on R³ × SO(3).
+
+    Feedback-transformed, control v (the platform's angular velocity reversed), [Paper] eq. (7):
+        ṗ = S⁻¹ J v,   Ṙ = -[v] R
+    Original, control u (the leg speeds), [Paper] eqs. (3)-(4):
+        (ṗ, ω) = [G K; S J]⁻¹ (u, 0),   Ṙ = [ω] R
+    p: platform centre in base coordinates [length], R: platform to base, b = p + R b̂.
+
+    Geometry: legs at azimuth 0°, 120°, 240°, base radius A, platform radius B. Veselova:
+    r = cos β ẑ + sin β t̂ with t̂ tangential; Suslov: r = (cos β, sin β, 0) along g, w3, g × w3. Or three explicit legs.
+    """
+
+    model: ClassVar[str] = "three_upu"
+    declared: ClassVar[Mapping[str, Parameter]] = {
+        "base_radius": Parameter(
+            "positive", 30.0, "A, distance of the spheres from the base's axis [length]"
+        ),
+        "platform_radius": Parameter(
+            "positive", 15.0, "B, distance of the universal joints from the platform's axis [length]"
+        ),
+        "roller_tilt": Parameter(
+            "number", 75 * pi / 180, "β, angle of r from the vertical towards the tangent [rad]"
+        ),
+        "platform_axis": Parameter(
+            "choice", "radial", "direction of w4 in the platform", ("radial", "tangential", "normal")
+        ),
+        "joint": Parameter(
+            "choice",
+            "veselova",
+            "r fixed in the base (veselova) or in the leg (suslov)",
+            ("veselova", "suslov"),
+        ),
+        "legs": Parameter(
+            "legs", None, "three explicit legs {base, platform, r, w4, joint} instead of all of the above"
+        ),
+        "form": Parameter(
+            "choice",
+            "feedback",
+            "feedback: eq. (7), control v; original: eq. (3), control u",
+            ("feedback", "original"),
+        ),
+    }
+    presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {
+        "default": {},
+        "normal75": {"platform_radius": 10.0, "platform_axis": "normal"},
+        "paper_conjecture": {
+            "base_radius": 15.0,
+            "platform_radius": 5.0,
+            "roller_tilt": pi / 2,
+            "platform_axis": "normal",
+        },
+        "vertical_equal": {"base_radius": 10.0, "platform_radius": 10.0, "roller_tilt": pi / 2},
+    }
+
+    state_space = StateSpace([vector("position", 3, "length"), rotation("orientation")])
+
+    def __init__(
+        self,
+        base_radius: float = 30.0,
+        platform_radius: float = 15.0,
+        roller_tilt: float = 75 * pi / 180,
+        platform_axis: str = "radial",
+        joint: str = "veselova",
+        legs: Sequence[Leg | Mapping[str, Any]] | None = None,
+        form: str = "feedback",
+    ) -> None:
+        for name, value in (("platform_axis", platform_axis), ("joint", joint), ("form", form)):
+            if value not in self.declared[name].choices:
+                raise InvalidProblemError(
+                    f"{value!r} is none of {', '.join(self.declared[name].choices)}", path=f"system.{name}"
+                )
+        self._shape: dict[str, Any] = {
+            "base_radius": float(base_radius),
+            "platform_radius": float(platform_radius),
+            "roller_tilt": float(roller_tilt),
+            "platform_axis": platform_axis,
+            "joint": joint,
+        }
+        self.form = form
+        self._explicit = legs is not None
+        self.legs = tuple(_leg(leg) for leg in legs) if legs is not None else _symmetric_legs(**self._shape)
+        if len(self.legs) != 3:
+            raise InvalidProblemError(f"{len(self.legs)} legs; the 3-ŬPU robot has 3", path="system.legs")
+        self.input_space = StateSpace([vector("v" if form == "feedback" else "u", 3)])
+
+    def parameters(self) -> dict[str, Any]:
+        if self._explicit:
+            legs = [
+                {**vars(leg), **{k: list(v) for k, v in vars(leg).items() if k != "joint"}}
+                for leg in self.legs
+            ]
+            return {"legs": legs, "form": self.form}
+        return {**self._shape, "form": self.form}
+
+    def with_form(self, form: str) -> ThreeUPU:
+        """The same robot in the other form of its equations."""
+        return type(self)(**{**self.parameters(), "form": form})
+
+    def leg_poses(self, state: Array) -> list[LegPose]:
+        """Geometry of the three legs at a packed pose."""
+        xp, pose = namespace(state), self.state_space.unpack(state)
+        position, rotation_platform_to_base = pose["position"], pose["orientation"]
+        poses = []
+        for leg in self.legs:
+            a = xp.array(leg.base)
+            b = position + rotation_platform_to_base @ xp.array(leg.platform)
+            w4 = rotation_platform_to_base @ xp.array(leg.w4)
+            length = norm(b - a)
+            g = (b - a) / length
+            w3 = unit(cross(g, w4))
+            r = xp.array(leg.r)
+            if leg.joint == "suslov":
+                r = r[0] * g + r[1] * w3 + r[2] * cross(g, w3)
+            poses.append(LegPose(a, b, length, g, r, w3, w4, cross(w3, w4)))
+        return poses
+
+    def actuator_row(self, leg: LegPose, arm: Array) -> tuple[Array, Array]:
+        """Row of G and of K, [Paper] eq. (2); ``arm`` = b - p."""
+        return leg.g, cross(arm, leg.g)
+
+    def constraint_row(self, leg: LegPose, arm: Array) -> tuple[Array, Array]:
+        """Row of S and of J, [Paper] eq. (2): the leg does not turn about r."""
+        moment = cross(leg.h, leg.r)
+        s = moment - dot(leg.g, moment) * leg.g
+        return s, cross(arm, s) - leg.length * dot(leg.r, leg.g) * leg.h
+
+    def kinematics(self, state: Array) -> Kinematics:
+        """G, K, S, J of [Paper] eq. (1) at a packed pose."""
+        xp = namespace(state)
+        position = state[self.state_space.point_slice("position")]
+        legs = self.leg_poses(state)
+        g, k = zip(*(self.actuator_row(leg, leg.b - position) for leg in legs), strict=True)
+        s, j = zip(*(self.constraint_row(leg, leg.b - position) for leg in legs), strict=True)
+        return Kinematics(xp.rows(g), xp.rows(k), xp.rows(s), xp.rows(j))
+
+    def velocity(self, state: Array, control: Array) -> Array:
+        xp, blocks = namespace(state, control), self.kinematics(state)
+        if self.form == "feedback":  # [Paper] eq. (7)
+            rows = [blocks.S[i, :].T for i in range(3)]
+            return xp.concatenate([solve_3x3(rows, blocks.J @ control), -control])
+        # [Paper] eqs. (3)-(4); det G and det S may vanish here, det W may not
+        return xp.solve(blocks.W, xp.concatenate([control, 0.0 * control]))
+
+    def vector_fields(self, state: Array) -> Array:
+        xp = namespace(state)
+        columns = [self.velocity(state, xp.array(axis)) for axis in ([1, 0, 0], [0, 1, 0], [0, 0, 1])]
+        return xp.rows(columns).T
+
+    def feedback(self, state: Array, v: Array) -> Array:
+        """Leg speeds u = (G S⁻¹ J - K) v, which equals [Paper] eq. (6)."""
+        blocks = self.kinematics(state)
+        return blocks.G @ solve_3x3([blocks.S[i, :].T for i in range(3)], blocks.J @ v) - blocks.K @ v
+
+    def inverse_feedback(self, state: Array, u: Array) -> Array:
+        """v = -ω of the motion under leg speeds u; needs det W ≠ 0 only."""
+        xp = namespace(state, u)
+        return -xp.solve(self.kinematics(state).W, xp.concatenate([u, 0.0 * u]))[3:6]
+
+    def outputs(self, state: Array, control: Array) -> dict[str, Array]:
+        xp, legs = namespace(state, control), self.leg_poses(state)
+        orientation = self.state_space.unpack(state)["orientation"]
+        other = ("u", self.feedback) if self.form == "feedback" else ("v", self.inverse_feedback)
+        angles = [
+            pose.joint_angles(orientation @ xp.array(_reference(leg.w4)))
+            for pose, leg in zip(legs, self.legs, strict=True)
+        ]
+        return {
+            other[0]: other[1](state, control),
+            "leg_lengths": xp.vector([leg.length for leg in legs]),
+            "joint_angles": xp.rows(angles),
+        }
+
+    def regularity(self, state: Array) -> dict[str, Array]:
+        blocks = self.kinematics(state)
+        return {"s": blocks.S, "w": blocks.W}
+
+    def column_scales(self, name: str, length_scale: float) -> list[float]:
+        return {"s": [1.0] * 3, "w": [1.0] * 3 + [length_scale] * 3}[name]
+
+    def breaking(self) -> tuple[str, ...]:
+        return ("s",) if self.form == "feedback" else ("w",)
+
+    def default_length_scale(self) -> float:
+        return sum(hypot(*leg.platform) for leg in self.legs) / 3 or 1.0
+
+    def input_label(self) -> str:
+        return self.input_space.names[0]
+
+    def drawing(self, state: Array) -> dict[str, Any]:
+        xp = namespace(state)
+        legs = self.leg_poses(state)
+        reach = 0.12 * max(float(leg.length) for leg in legs)
+        base, platform = [leg.a for leg in legs], [leg.b for leg in legs]
+        lines = {"base": xp.rows([*base, base[0]]), "platform": xp.rows([*platform, platform[0]])}
+        for i, leg in enumerate(legs, 1):
+            lines[f"leg {i}"] = xp.rows([leg.a, leg.b])
+            lines[f"r {i}"] = xp.rows([leg.a, leg.a + reach * leg.r])
+            lines[f"w3 {i}"] = xp.rows([leg.b - 0.5 * reach * leg.w3, leg.b + 0.5 * reach * leg.w3])
+            lines[f"w4 {i}"] = xp.rows([leg.b - 0.5 * reach * leg.w4, leg.b + 0.5 * reach * leg.w4])
+        return {"lines": lines, "points": {"spheres": xp.rows(base), "universal joints": xp.rows(platform)}}
+
+
+def _leg(leg: Leg | Mapping[str, Any]) -> Leg:
+    return leg if isinstance(leg, Leg) else Leg(**leg)
+
+
+def _reference(w4: Vector3) -> Vector3:
+    """A unit vector ⟂ w4 in the platform: the part of the platform's normal, or of its x axis where w4 is the normal."""
+    axis: Vector3 = (0.0, 0.0, 1.0) if abs(w4[2]) < 0.9 else (1.0, 0.0, 0.0)
+    along = sum(p * q for p, q in zip(axis, w4, strict=True))
+    part = [p - along * q for p, q in zip(axis, w4, strict=True)]
+    length = hypot(*part)
+    return (part[0] / length, part[1] / length, part[2] / length)
+
+
+def _symmetric_legs(
+    base_radius: float, platform_radius: float, roller_tilt: float, platform_axis: str, joint: str
+) -> tuple[Leg, ...]:
+    for name, value in (("base_radius", base_radius), ("platform_radius", platform_radius)):
+        if not value > 0:
+            raise InvalidProblemError(
+                f"{value:g} is not positive; a radius is a length > 0", path=f"system.{name}"
+            )
+    legs = []
+    for k in range(3):
+        c, s = cos(2 * pi * k / 3), sin(2 * pi * k / 3)
+        radial, tangential, normal = (c, s, 0.0), (-s, c, 0.0), (0.0, 0.0, 1.0)
+        tilt = (cos(roller_tilt), sin(roller_tilt))
+        r = (
+            (tilt[1] * tangential[0], tilt[1] * tangential[1], tilt[0])
+            if joint == "veselova"
+            else (tilt[0], tilt[1], 0.0)
+        )
+        w4 = {"radial": radial, "tangential": tangential, "normal": normal}[platform_axis]
+        base = (base_radius * c, base_radius * s, 0.0)
+        legs.append(Leg(base, (platform_radius * c, platform_radius * s, 0.0), r, w4, joint))  # type: ignore[arg-type]
+    return tuple(legs)
