@@ -41,18 +41,32 @@ class Outcome(Enum):
 _ADVICE = {
     Outcome.CONVERGED: "The goal is reached and the path was confirmed by an independent integration.",
     Outcome.NOT_VERIFIED: "The solver's path does not survive re-integration; use more steps or intervals.",
-    Outcome.CONSTRAINT_VIOLATED: "The goal is reached but a stated constraint is broken; loosen it, or use the nlp solver.",
+    Outcome.CONSTRAINT_VIOLATED: (
+        "The goal is reached but a stated constraint is broken; loosen it, or use the nlp solver."
+    ),
     Outcome.ITERATION_LIMIT: "The error still falls; raise max_iterations or gamma.",
-    Outcome.STAGNATED: "The error no longer falls; try another control.initial, more harmonics, or a smaller gamma.",
+    Outcome.STAGNATED: (
+        "The error no longer falls; try another control.initial, more harmonics, or a smaller gamma."
+    ),
     Outcome.DIVERGED: "The error grows without bound; try a smaller gamma or another control.initial.",
     Outcome.RANK_DEFICIENT: "The control cannot move the end point in every direction; use `initial: auto`.",
-    Outcome.SINGULAR_S: "The path runs into det S = 0, where eq. (7) is undefined; try another control.initial, a smaller gamma or `form: original`.",
-    Outcome.SINGULAR_W: "The path runs into det W = 0, where the actuators lose the platform; try another control.initial.",
-    Outcome.ORIENTATION_AT_PI: "The orientation error is a half turn, whose axis is ambiguous; try another control.initial or turn the goal slightly.",
+    Outcome.SINGULAR_S: (
+        "The path runs into det S = 0, where eq. (7) is undefined; try another control.initial, a "
+        "smaller gamma or `form: original`."
+    ),
+    Outcome.SINGULAR_W: (
+        "The path runs into det W = 0, where the actuators lose the platform; try another control.initial."
+    ),
+    Outcome.ORIENTATION_AT_PI: (
+        "The orientation error is a half turn, whose axis is ambiguous; try another control.initial "
+        "or turn the goal slightly."
+    ),
     Outcome.NOT_FINITE: "The integration overflowed; try more steps or a smaller initial control.",
     Outcome.INFEASIBLE: "The constraints cannot be met together; loosen the ones named.",
     Outcome.NOT_REACHED: "Every way that was tried failed; see the message for what was tried.",
-    Outcome.OTHER_COMPONENT: "Start and goal lie on different sides of a singular surface; choose a goal on the start's side.",
+    Outcome.OTHER_COMPONENT: (
+        "Start and goal lie on different sides of a singular surface; choose a goal on the start's side."
+    ),
     Outcome.INTERRUPTED: "The solve was stopped by hand; what was found so far is kept.",
     Outcome.SOLVER_ERROR: "The solver itself failed; see solver.log.",
 }

@@ -158,7 +158,7 @@ class StateSpace:
         return xp.concatenate(parts)
 
     def lower(self, point: Array, rate: Array) -> Array:
-        """The tangent vector (dimension,) of a packed derivative (size,): ω = vee(Ṙ Rᵀ). `lower(x, lift(x, ξ)) = ξ`."""
+        """The tangent vector (dimension,) of a packed derivative: ω = vee(Ṙ Rᵀ). `lower(x, lift(x, ξ)) = ξ`."""
         xp, values = namespace(point, rate), self.unpack(point)
         parts = []
         for block in self.blocks:

@@ -21,7 +21,7 @@ class NumericSystem:
 
     def _function(
         self, name: str, expressions: dict[str, ca.SX]
-    ) -> tuple[ca.Function, dict[str, tuple[int, ...]]]:
+    ) -> tuple[ca.Function, dict[str, tuple[int, int]]]:
         shapes = {key: value.shape for key, value in expressions.items()}
         columns = [ca.reshape(value.T, -1, 1) for value in expressions.values()]
         return ca.Function(name, [self._state, self._control], columns or [ca.SX(0, 1)]), shapes
@@ -33,12 +33,12 @@ class NumericSystem:
         return ca.Function("rate", [self._state, self._control], [rate], ["x", "u"], ["xdot"])
 
     @cached_property
-    def _outputs(self) -> tuple[ca.Function, dict[str, tuple[int, ...]]]:
+    def _outputs(self) -> tuple[ca.Function, dict[str, tuple[int, int]]]:
         outputs = self.system.outputs(self._state, self._control)
         return self._function("outputs", {key: ca.densify(ca.SX(value)) for key, value in outputs.items()})
 
     @cached_property
-    def _regularity(self) -> tuple[ca.Function, dict[str, tuple[int, ...]]]:
+    def _regularity(self) -> tuple[ca.Function, dict[str, tuple[int, int]]]:
         matrices = self.system.regularity(self._state)
         return self._function(
             "regularity", {key: ca.densify(ca.SX(value)) for key, value in matrices.items()}
@@ -57,7 +57,7 @@ class NumericSystem:
         return {name: np.linalg.det(matrices) for name, matrices in self.regularity(states).items()}
 
     def margins(self, states: Array, length_scale: float) -> dict[str, Array]:
-        """sigma_* (least singular value, rotation columns divided by ``length_scale``) and det_* at samples, (k,) each."""
+        """sigma_* (least singular value, rotation columns divided by ``length_scale``) and det_* at samples."""
         found: dict[str, Array] = {}
         for name, matrices in self.regularity(states).items():
             finite = np.isfinite(matrices).all(axis=(1, 2))
@@ -81,7 +81,7 @@ class NumericSystem:
 
 
 def _evaluate(
-    function: ca.Function, shapes: dict[str, tuple[int, ...]], states: Array, controls: Array
+    function: ca.Function, shapes: dict[str, tuple[int, int]], states: Array, controls: Array
 ) -> dict[str, Array]:
     if not shapes:
         return {}

@@ -41,7 +41,7 @@ class System(Protocol):
         return cls(**{**cls.presets[name], **parameters})
 
     def parameters(self) -> dict[str, Any]:
-        """Every parameter with its value, as plain JSON data; ``type(self)(**self.parameters())`` is the same system."""
+        """Every parameter as plain JSON data; ``type(self)(**self.parameters())`` is the same system."""
         ...
 
     def vector_fields(self, state: Array) -> Array:

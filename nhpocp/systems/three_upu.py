@@ -44,7 +44,7 @@ class Leg:
 
 @dataclass(frozen=True)
 class LegPose:
-    """The vectors of one leg at one pose, all in base coordinates; the paper's letters, [Paper] section 2 and Fig. 1."""
+    """The vectors of one leg at one pose, in base coordinates, by the paper's letters: [Paper] section 2, Fig. 1."""
 
     a: Array  # centre of the sphere
     b: Array  # centre of the universal joint
@@ -313,7 +313,7 @@ def _leg(leg: Leg | Mapping[str, Any]) -> Leg:
 
 
 def _reference(w4: Vector3) -> Vector3:
-    """A unit vector ⟂ w4 in the platform: the part of the platform's normal, or of its x axis where w4 is the normal."""
+    """A unit vector ⟂ w4 in the platform: from the platform's normal, or its x axis where w4 is the normal."""
     axis: Vector3 = (0.0, 0.0, 1.0) if abs(w4[2]) < 0.9 else (1.0, 0.0, 0.0)
     along = sum(p * q for p, q in zip(axis, w4, strict=True))
     part = [p - along * q for p, q in zip(axis, w4, strict=True)]
