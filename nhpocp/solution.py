@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 from nhpocp.arrays import Array
 from nhpocp.constraints import BoundReport
@@ -184,7 +184,12 @@ class Progress(Protocol):
 class Solver(Protocol):
     """A way to solve a `PlanningProblem`."""
 
-    name: str
+    name: ClassVar[str]
+
+    @property
+    def tolerance(self) -> float:
+        """The E that counts as reached."""
+        ...
 
     def settings(self) -> dict[str, Any]:
         """Every setting as plain data, under the problem file's names."""

@@ -72,6 +72,10 @@ class System(Protocol):
         """Names of the regularity matrices that these equations invert: no path of this system crosses their zero."""
         return ()
 
+    def separating(self) -> tuple[str, ...]:
+        """Names of the regularity matrices whose zero no path of the machine may cross for good."""
+        return self.breaking()
+
     def default_length_scale(self) -> float:
         """A typical length of the mechanism, which turns rotations into lengths."""
         return 1.0

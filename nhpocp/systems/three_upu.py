@@ -288,6 +288,10 @@ class ThreeUPU(System):
     def breaking(self) -> tuple[str, ...]:
         return ("s",) if self.form == "feedback" else ("w",)
 
+    def separating(self) -> tuple[str, ...]:
+        # (7) crosses det W = 0 without noticing; the actuators do not
+        return ("s", "w") if self.form == "feedback" else ("w",)
+
     def default_length_scale(self) -> float:
         return sum(hypot(*leg.platform) for leg in self.legs) / 3 or 1.0
 

@@ -1,0 +1,64 @@
+r"""The variational equations (11)-(12) and the Gram matrix of the end-point map, [Paper] section 3.
+
+With (w, s) the variation of the state, rotations varying as ∂R = [s] R, a driftless system obeys
+    (ẇ, ṡ) = A(t) (w, s) + B(t) δu,      B = G(x),
+and the rows of a rotation get ω × s besides ∂ω: for the robot that is the -[v] s of (11). With δu = P(t) δλ the matrix
+M(t) of (w, s) over λ obeys Ṁ = A M + B P, and M(T) is the integral under eq. (16). The Gram matrix
+    D = ∫ Φ(T,t) B Bᵀ Φᵀ(T,t) dt,   [Paper] eq. (14),   solves   Ḋ = A D + D Aᵀ + B Bᵀ,  D(0) = 0.
+"""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from nhpocp.arrays import Array, cross
+from nhpocp.controls.basis import ControlBasis
+from nhpocp.flow.integrators import Integrator
+from nhpocp.systems.system import System
+
+
+def linearisation(system: System) -> ca.Function:
+    """(x, u) ↦ A (d × d), B (d × m) of the variational equations at a point, d the dimension of the state space."""
+    space = system.state_space
+    x, u = ca.SX.sym("x", space.size), ca.SX.sym("u", system.input_space.size)
+    delta = ca.SX.sym("delta", space.dimension)
+    velocity = system.velocity(x, u)
+    # d velocity along a tangent δ: the packed point moves by lift(x, δ), no retraction to differentiate
+    directional = ca.jtimes(velocity, x, space.lift(x, delta))
+    for block in space.blocks:
+        if block.kind == "rotation":
+            part = space.tangent_slice(block.name)
+            directional[part] = directional[part] + cross(velocity[part], delta[part])
+    A, B = ca.jacobian(directional, delta), ca.jacobian(velocity, u)
+    return ca.Function("linearisation", [x, u], [ca.densify(A), ca.densify(B)])
+
+
+class VariationalEquations:
+    """x, M and D of one system integrated together, over one basis and horizon."""
+
+    def __init__(self, system: System, basis: ControlBasis, horizon: float, integrator: Integrator) -> None:
+        self._space, self._inputs, self._basis = system.state_space, system.input_space.size, basis
+        n, d, m, size = self._space.size, self._space.dimension, self._inputs, basis.size
+        y = ca.SX.sym("y", n + d * m * size + d * d)
+        w = ca.SX.sym("w", m + size)  # the control and the basis functions themselves
+        x, u, phi = y[:n], w[:m], w[m:]
+        M = ca.reshape(y[n : n + d * m * size], d, m * size)
+        D = ca.reshape(y[n + d * m * size :], d, d)
+        A, B = linearisation(system)(x, u)
+        P = ca.kron(ca.SX.eye(m), phi.T)
+        rate = ca.vertcat(system.rate(x, u), ca.vec(A @ M + B @ P), ca.vec(A @ D + D @ A.T + B @ B.T))
+        # φ(t) is fed in as further inputs with the identity as their coefficients, so any integrator serves
+        self.flow = integrator.flow(ca.Function("variational", [y, w], [ca.densify(rate)]), basis, horizon)
+
+    def states(self, start: Array, coefficients: Array) -> tuple[Array, Array, Array]:
+        """Path x (k, n), Jacobian M(T) (d, m·size) and Gram matrix D (d, d)."""
+        n, d, columns = self._space.size, self._space.dimension, self._inputs * self._basis.size
+        start = np.concatenate([start, np.zeros(d * columns + d * d)])
+        path = self.flow.states(start, np.vstack([coefficients, np.eye(self._basis.size)]))
+        end = path[-1]
+        return (
+            path[:, :n],
+            end[n : n + d * columns].reshape((d, columns), order="F"),
+            end[n + d * columns :].reshape((d, d), order="F"),
+        )

@@ -1,0 +1,44 @@
+"""The control a solver starts from: the problem's own, or a seeded one from which the end point can move anywhere."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from nhpocp.arrays import Array
+from nhpocp.errors import InvalidProblemError
+from nhpocp.flow.end_point_map import EndPointMap
+from nhpocp.problem import PlanningProblem
+from nhpocp.systems.numeric import NumericSystem
+
+DRAWS = 100
+SPREAD = 0.5  # standard deviation of a coefficient, times 1/T: the size of the paper's own start
+CONDITION_ABOVE = 1e-3  # least over largest singular value of the Jacobian; the paper's start has 3.5e-3
+
+
+def initial_coefficients(problem: PlanningProblem, end_point_map: EndPointMap, seed: int) -> Array:
+    """Λ₀ (inputs × size): the problem's, or for `initial: auto` the first good one of a seeded sequence.
+
+    Good: the path is finite and on one side of every singular surface, and the Jacobian's rows have full rank with room
+    to spare. Errors: `InvalidProblemError` if none of `DRAWS` controls is good.
+    """
+    if problem.initial is not None:
+        return np.array(problem.initial)
+    random, numeric = np.random.default_rng(seed), NumericSystem(problem.system)
+    shape = (problem.system.input_space.size, problem.basis.size)
+    for draw in range(DRAWS):
+        # later draws are smaller: a short motion stays clear of the singular surfaces around the start
+        spread = SPREAD / problem.horizon.fixed * 0.97**draw
+        coefficients = random.normal(0.0, spread, shape)
+        end = end_point_map(coefficients)
+        if not np.isfinite(end.path).all() or not np.isfinite(end.jacobian).all():
+            continue
+        signs = np.sign(np.array(list(numeric.determinants(end.path).values())))
+        rows = problem.error_weights[:, None] * end.jacobian[problem.error_rows]
+        values = np.linalg.svd(rows, compute_uv=False)
+        if (not signs.size or (signs == signs[:, :1]).all()) and values[-1] > CONDITION_ABOVE * values[0]:
+            return coefficients
+    raise InvalidProblemError(
+        f"no control of full rank found in {DRAWS} seeded draws; the start may be singular, or the basis too small "
+        f"(it has {problem.basis.size} functions per input)",
+        path="control.initial",
+    )
