@@ -29,7 +29,8 @@ class Bound:
 
     def scale(self) -> float:
         """The bound's own size, against which an excess counts as relative."""
-        sizes = [abs(x) for x in np.ravel([self.lower, self.upper]) if np.isfinite(x)]
+        limits = np.concatenate([np.ravel(self.lower), np.ravel(self.upper)])
+        sizes = [abs(float(x)) for x in limits if np.isfinite(x)]
         return max(sizes, default=0.0) or 1.0
 
 

@@ -6,9 +6,11 @@ from time import perf_counter
 
 import numpy as np
 
+from nhpocp.errors import OrientationAtPiError
 from nhpocp.flow.simulation import simulate
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Outcome, Progress, Solution, Solver
+from nhpocp.solvers.interruption import Interruption
 from nhpocp.systems.numeric import NumericSystem
 from nhpocp.verification import verify
 
@@ -25,7 +27,8 @@ def solve(
         solver = problem.solvers.get("jacobian") or _default_solver()
     solution = _refused(problem, solver) or solver.solve(problem, progress)
     began = perf_counter()
-    verdict = verify(solution)
+    with Interruption():  # short, and an interrupted solution deserves its verdict
+        verdict = verify(solution)
     return solution.judged(verdict, perf_counter() - began)
 
 
@@ -52,9 +55,7 @@ def _refused(problem: PlanningProblem, solver: Solver) -> Solution | None:
     control = problem.control(
         np.zeros((system.input_space.size, problem.basis.size)), problem.horizon.initial or 1.0
     )
-    difference = (
-        problem.error_weights * space.difference(problem.start_point, problem.goal_point)[problem.error_rows]
-    )
+    motion = simulate(problem, control, numeric)
     return Solution(
         problem=problem,
         solver=solver.name,
@@ -62,7 +63,17 @@ def _refused(problem: PlanningProblem, solver: Solver) -> Solution | None:
         tolerance=solver.tolerance,
         outcome=Outcome.OTHER_COMPONENT,
         message=f"{'; '.join(sentences)}. {Outcome.OTHER_COMPONENT.advice}",
-        final_error=float(np.linalg.norm(difference)),
+        final_error=_distance(problem),
         control=control,
-        trajectory=simulate(problem, control, numeric),
+        trajectory=motion.trajectory,
+        costs=motion.costs,
     )
+
+
+def _distance(problem: PlanningProblem) -> float:
+    """E of the start itself; NaN where an orientation is a half turn away."""
+    try:
+        difference = problem.system.state_space.difference(problem.start_point, problem.goal_point)
+    except OrientationAtPiError:
+        return float("nan")
+    return float(np.linalg.norm(problem.error_weights * difference[problem.error_rows]))

@@ -36,8 +36,13 @@ class Horizon:
                 raise InvalidProblemError(
                     f"{value:g} is not a duration; expected a number > 0", path="horizon"
                 )
-        if self.free and not (self.minimum or 0) < (self.maximum or np.inf):
+        lower, upper = self.minimum or 0.0, self.maximum or np.inf
+        if self.free and not lower < upper:
             raise InvalidProblemError("min must be below max", path="horizon")
+        if self.free and self.initial is not None and not lower <= self.initial <= upper:
+            raise InvalidProblemError(
+                f"initial {self.initial:g} is outside [{lower:g}, {upper:g}]", path="horizon"
+            )
 
     @property
     def free(self) -> bool:
@@ -107,15 +112,45 @@ class PlanningProblem:
         if self.samples < 2:
             raise InvalidProblemError("a trajectory needs at least 2 samples", path="output.samples")
         if self.initial is not None:
-            coefficients = Control(self.basis, self.initial).coefficients
-            inputs = self.system.input_space.size
-            if len(coefficients) != inputs:
+            object.__setattr__(self, "initial", self._checked_initial())
+        for place, via in enumerate(self.via):
+            path = f"via[{place}]"
+            if not 0 < via.share < 1:
                 raise InvalidProblemError(
-                    f"{len(coefficients)} rows; the system has {inputs} inputs "
-                    f"({', '.join(self.system.input_space.labels)}), one row each",
-                    path="control.initial",
+                    f"at {via.share:g}; expected a share of the horizon in (0, 1)", path=path
                 )
-            object.__setattr__(self, "initial", coefficients)
+            object.__setattr__(via, "goal", checked_values(space, via.goal, path, complete=False))
+        self._check_bounds()
+
+    def _checked_initial(self) -> Array:
+        path, inputs = "control.initial", self.system.input_space
+        try:
+            coefficients = Control(self.basis, self.initial).coefficients
+        except (TypeError, ValueError) as error:
+            raise InvalidProblemError(str(error), path=path) from error
+        if len(coefficients) != inputs.size:
+            raise InvalidProblemError(
+                f"{len(coefficients)} rows; the system has {inputs.size} inputs "
+                f"({', '.join(inputs.labels)}), one row each",
+                path=path,
+            )
+        if not np.isfinite(coefficients).all():
+            raise InvalidProblemError("NaN or infinity; expected finite numbers", path=path)
+        return coefficients
+
+    def _check_bounds(self) -> None:
+        if not self.bounds:
+            return
+        system = self.system
+        outputs = system.outputs(self.start_point, np.zeros(system.input_space.size))
+        margins = [f"sigma_{name}" for name in system.regularity(self.start_point)]
+        known = [*system.state_space.names, *system.input_space.names, *outputs, *margins]
+        for bound in self.bounds:
+            if bound.quantity not in known:
+                raise InvalidProblemError(
+                    f"no quantity {bound.quantity!r} to bound; there are {', '.join(known)}",
+                    path=f"constraints.{bound.label}",
+                )
 
     @cached_property
     def start_point(self) -> Array:
@@ -168,8 +203,13 @@ def checked_values(
     for block in space.blocks:
         if block.name not in values:
             continue
-        value = np.array(values[block.name], dtype=float)
         path = f"{part}.{block.name}"
+        try:
+            value = np.array(values[block.name], dtype=float)
+        except (TypeError, ValueError) as error:
+            raise InvalidProblemError(
+                f"expected numbers of shape {block.shape}; {error}", path=path
+            ) from error
         if value.shape != block.shape:
             raise InvalidProblemError(f"shape {value.shape}; expected {block.shape}", path=path)
         if not np.all(np.isfinite(value)):

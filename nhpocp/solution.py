@@ -92,9 +92,15 @@ class Replay:
     error: float | None  # E at the time reached; None where the end was not reached
     reached: float  # time up to which the equations could be integrated
     ok: bool
+    agreement: float | None = None  # max distance from the replay of the system's own equations
 
     def to_json(self) -> dict[str, Any]:
-        return {"error": self.error, "reached_t": self.reached, "ok": self.ok}
+        return {
+            "error": self.error,
+            "reached_t": self.reached,
+            "ok": self.ok,
+            "agreement": self.agreement,
+        }
 
 
 @dataclass(frozen=True)
@@ -125,6 +131,7 @@ class Verdict:
             "leg_rate": self.leg_rate,
             "orthogonality": self.orthogonality,
             "trajectory_deviation": self.trajectory_deviation,
+            "warnings": list(self.warnings),
         }
 
 
@@ -133,6 +140,7 @@ class Solution:
     """A control, the motion it makes, and how it was found.
 
     trajectory: arrays by name, samples first; "t" [time], then state blocks, inputs, outputs and margins.
+    costs: integrals over the motion by name (effort, leg_effort, path_length).
     iterations: one record per evaluated control. final_error: E as the solver believes; verdict: what verification
     says of it (None before).
     """
@@ -146,6 +154,7 @@ class Solution:
     final_error: float
     control: Control
     trajectory: Mapping[str, Array]
+    costs: Mapping[str, float] = field(default_factory=dict)
     iterations: Sequence[Mapping[str, Any]] = ()
     evaluations: int = 0
     objective: str = "none"

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, Literal, Protocol
+from collections.abc import Mapping
+from typing import Any, ClassVar, Literal, Protocol, Self
 
 from nhpocp.arrays import Array
 
@@ -45,6 +46,11 @@ class ControlBasis(Protocol):
 
     def parameters(self) -> dict[str, Any]:
         """Plain data from which ``type(self)(**parameters)`` builds the same basis."""
+        ...
+
+    @classmethod
+    def from_json(cls, data: Mapping[str, Any]) -> tuple[Self, Array]:
+        """The basis and the coefficients that `to_json` wrote."""
         ...
 
     def to_json(self, coefficients: Array, horizon: float) -> dict[str, Any]:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from math import pi
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -47,6 +48,11 @@ class Fourier(ControlBasis):
 
     def parameters(self) -> dict[str, Any]:
         return {"harmonics": self.harmonics}
+
+    @classmethod
+    def from_json(cls, data: Mapping[str, Any]) -> tuple[Self, Array]:
+        coefficients = np.asarray(data["coefficients"], dtype=float)
+        return cls((coefficients.shape[1] - 1) // 2), coefficients
 
     def to_json(self, coefficients: Array, horizon: float) -> dict[str, Any]:
         return {"basis": self.kind, "horizon": horizon, "coefficients": np.asarray(coefficients).tolist()}

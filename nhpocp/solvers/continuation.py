@@ -29,11 +29,13 @@ from nhpocp.solvers.generalized_inverses import (
     MoorePenrose,
 )
 from nhpocp.solvers.initial_control import initial_coefficients
+from nhpocp.solvers.interruption import Interruption
 from nhpocp.systems.numeric import NumericSystem
 
 DIVERGED_ABOVE = (
     1e3  # times (1 + the first error): far outside any workspace measured in the problem's own units
 )
+SINGULAR_BELOW = 0.05  # |det| against its value at the start, before a path that is not finite
 STAGNATION_WINDOW = 50  # iterations
 STAGNATION_SHARE = 0.01  # of the decay that the step sizes promise
 
@@ -138,6 +140,7 @@ class _Run:
         self.records: list[dict[str, Any]] = []
         self.warnings: list[str] = []
         self.here: Evaluation | None = None
+        self.interruption = Interruption()
         self.build_seconds = perf_counter() - began
 
     def solve(self) -> Solution:
@@ -145,7 +148,8 @@ class _Run:
         first = np.zeros((self.problem.system.input_space.size, self.problem.basis.size))
         try:
             first = initial_coefficients(self.problem, self.map, self.solver.seed)
-            outcome, message = self.iterate(first)
+            with Interruption() as self.interruption:
+                outcome, message = self.iterate(first)
         except KeyboardInterrupt:
             outcome, message = Outcome.INTERRUPTED, "Stopped by hand"
         except RuntimeError as error:  # CasADi and SUNDIALS report through RuntimeError
@@ -172,22 +176,22 @@ class _Run:
         if here.failure:
             return here.failure, f"Iteration {k}: {here.message}"
         if error < self.solver.tolerance:
-            jumped = self.sign_change(here.end.path, self.problem.system.breaking())
+            jumped = self.sign_change(here.end.path)
             if jumped:
                 return jumped[0], f"E = {error:.3g} is below the tolerance, but {jumped[1]}"
             return Outcome.CONVERGED, f"E = {error:.3g} after {k} updates"
         if error > DIVERGED_ABOVE * (1 + first):
-            jumped = self.sign_change(here.end.path, self.problem.system.breaking())
+            jumped = self.sign_change(here.end.path)
             return jumped or (
                 Outcome.DIVERGED,
                 f"Iteration {k}: E = {error:.3g}, from {first:.3g} at the start",
             )
         direction, rows = here.direction, len(self.problem.error_rows)
         if direction is not None and direction.rank < rows:
-            return (
+            return self.sign_change(here.end.path) or (
                 Outcome.RANK_DEFICIENT,
                 f"Iteration {k}: the Jacobian has rank {direction.rank} of {rows} "
-                f"(singular values {', '.join(f'{value:.3g}' for value in direction.singular_values)}), E = {error:.3g}",
+                f"(singular values {' '.join(f'{x:.2g}' for x in direction.singular_values)}), E = {error:.3g}",
             )
         if k >= self.solver.max_iterations:
             return (
@@ -228,14 +232,13 @@ class _Run:
         self.records.append(record)
         if self.progress:
             self.progress(record)
+        self.interruption.check()
         return evaluation
 
     def evaluation(self, coefficients: Array, gamma: float) -> Evaluation:
         end = self.map(coefficients)
         if not (np.isfinite(end.path).all() and np.isfinite(end.jacobian).all()):
-            outcome, message = self.sign_change(end.path, self.problem.system.breaking()) or self.overflow(
-                end.path
-            )
+            outcome, message = self.blow_up(end.path)
             return Evaluation(coefficients, end, None, None, outcome, message)
         residual = EndPointError(self.problem, end)
         if residual.half_turn:
@@ -251,18 +254,36 @@ class _Run:
         found = {name: np.nanmin(values) for name, values in margins.items() if name.startswith("sigma")}
         return {name: float(value) for name, value in found.items()}
 
-    def sign_change(self, path: Array, names: tuple[str, ...]) -> tuple[Outcome, str] | None:
+    def sign_change(self, path: Array) -> tuple[Outcome, str] | None:
         """The first change of sign of a determinant that these equations invert, as an ending."""
-        finite = path[np.isfinite(path).all(axis=1)]
-        determinants = self.numeric.determinants(finite)
-        for name in names:
-            signs = np.sign(determinants[name])
-            changes = np.flatnonzero(signs != signs[0])
+        for name, values in self.breaking_determinants(path).items():
+            changes = np.flatnonzero(np.sign(values) != np.sign(values[0]))
             if changes.size:
                 times = self.map.times[changes[0] - 1 : changes[0] + 1]
                 sentence = f"det {name.upper()} changes sign between t = {times[0]:.4g} and {times[1]:.4g}"
                 return Outcome(f"singular_{name}"), sentence
         return None
+
+    def blow_up(self, path: Array) -> tuple[Outcome, str]:
+        """Why a path is not finite: it ran into a singular surface (a fixed step may land on either side), or not."""
+        crossed = self.sign_change(path)
+        if crossed:
+            return crossed
+        for name, values in self.breaking_determinants(path).items():
+            share = np.abs(values / values[0])
+            if share.min() < SINGULAR_BELOW:
+                where = self.map.times[int(np.argmin(share))]
+                sentence = (
+                    f"det {name.upper()} falls to {share.min():.2g} of its first value at t = {where:.4g}"
+                )
+                return Outcome(f"singular_{name}"), sentence
+        return self.overflow(path)
+
+    def breaking_determinants(self, path: Array) -> dict[str, Array]:
+        """The determinants that the system's equations divide by, along the finite part of a path."""
+        finite = path[np.isfinite(path).all(axis=1)]
+        determinants = self.numeric.determinants(finite)
+        return {name: determinants[name] for name in self.problem.system.breaking()}
 
     def overflow(self, path: Array) -> tuple[Outcome, str]:
         good = int(np.isfinite(path).all(axis=1).sum())
@@ -271,6 +292,7 @@ class _Run:
 
     def solution(self, outcome: Outcome, message: str, coefficients: Array, seconds: float) -> Solution:
         control = self.problem.control(coefficients, self.horizon)
+        motion = simulate(self.problem, control, self.numeric)
         advice = "" if outcome is Outcome.CONVERGED else f" {outcome.advice}"
         return Solution(
             problem=self.problem,
@@ -281,7 +303,8 @@ class _Run:
             message=f"{message}.{advice}",
             final_error=self.here.error if self.here else np.nan,
             control=control,
-            trajectory=simulate(self.problem, control, self.numeric),
+            trajectory=motion.trajectory,
+            costs=motion.costs,
             iterations=self.records,
             evaluations=len(self.records),
             warnings=self.warnings,

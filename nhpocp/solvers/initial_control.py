@@ -35,7 +35,8 @@ def initial_coefficients(problem: PlanningProblem, end_point_map: EndPointMap, s
         signs = np.sign(np.array(list(numeric.determinants(end.path).values())))
         rows = problem.error_weights[:, None] * end.jacobian[problem.error_rows]
         values = np.linalg.svd(rows, compute_uv=False)
-        if (not signs.size or (signs == signs[:, :1]).all()) and values[-1] > CONDITION_ABOVE * values[0]:
+        full_rank = values.size == len(rows) and values[-1] > CONDITION_ABOVE * values[0]
+        if (not signs.size or (signs == signs[:, :1]).all()) and full_rank:
             return coefficients
     raise InvalidProblemError(
         f"no control of full rank found in {DRAWS} seeded draws; the start may be singular, or the basis too small "

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from functools import cached_property
+from collections.abc import Callable
+from functools import cached_property, lru_cache
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from nhpocp.arrays import Array
 from nhpocp.systems.system import System
+
+Expression = Callable[[System, Any, Any], Any]
 
 
 class NumericSystem:
@@ -52,9 +56,14 @@ class NumericSystem:
         """The regularity matrices at samples: (k, n) → (k, r, r) each."""
         return _evaluate(*self._regularity, states, np.zeros((len(states), self.system.input_space.size)))
 
+    def along(self, expression: Expression, states: Array, controls: Array) -> Array:
+        """An expression of (system, x, u) at samples, (k,) or (k, …)."""
+        value = ca.densify(ca.SX(expression(self.system, self._state, self._control)))
+        return _evaluate(*self._function("expression", {"value": value}), states, controls)["value"]
+
     def determinants(self, states: Array) -> dict[str, Array]:
         """det of every regularity matrix at samples, (k,) each."""
-        return {name: np.linalg.det(matrices) for name, matrices in self.regularity(states).items()}
+        return {name: _determinant(matrices) for name, matrices in self.regularity(states).items()}
 
     def margins(self, states: Array, length_scale: float) -> dict[str, Array]:
         """sigma_* (least singular value, rotation columns divided by ``length_scale``) and det_* at samples."""
@@ -65,9 +74,7 @@ class NumericSystem:
                 finite[:, None, None], matrices / self.system.column_scales(name, length_scale), 0.0
             )
             found[f"sigma_{name}"] = np.where(finite, np.linalg.svd(scaled, compute_uv=False)[:, -1], np.nan)
-            found[f"det_{name}"] = np.where(
-                finite, np.linalg.det(np.where(finite[:, None, None], matrices, 0)), np.nan
-            )
+            found[f"det_{name}"] = _determinant(matrices)
         return found
 
     def trajectory(self, states: Array, controls: Array, length_scale: float) -> dict[str, Array]:
@@ -80,16 +87,28 @@ class NumericSystem:
         }
 
 
+@lru_cache(maxsize=64)  # making a map costs more than calling it
+def _mapped(function: ca.Function, samples: int) -> ca.Function:
+    return function.map(samples)
+
+
 def _evaluate(
     function: ca.Function, shapes: dict[str, tuple[int, int]], states: Array, controls: Array
 ) -> dict[str, Array]:
     if not shapes:
         return {}
     samples = len(states)
-    values = function.map(samples)(np.asarray(states).T, np.asarray(controls).T)
+    values = _mapped(function, samples)(np.asarray(states).T, np.asarray(controls).T)
     columns = values if isinstance(values, tuple) else (values,)
     found = {}
     for column, (name, (rows, cols)) in zip(columns, shapes.items(), strict=True):
         shape = (samples, rows, cols) if cols > 1 else (samples, rows) if rows > 1 else (samples,)
         found[name] = np.array(column).T.reshape(shape)
     return found
+
+
+def _determinant(matrices: Array) -> Array:
+    """det of (k, r, r), NaN where an entry is; a path that has run away may overflow, and that is no news here."""
+    finite = np.isfinite(matrices).all(axis=(1, 2))
+    with np.errstate(over="ignore"):
+        return np.where(finite, np.linalg.det(np.where(finite[:, None, None], matrices, 0.0)), np.nan)

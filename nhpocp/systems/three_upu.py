@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import cos, hypot, pi, sin
+from math import cos, hypot, isfinite, pi, sin
 from typing import Any, ClassVar, Literal
 
 from nhpocp.arrays import Array, cross, dot, namespace, norm, solve_3x3, unit
@@ -33,13 +33,24 @@ class Leg:
         for name in ("base", "platform", "r", "w4"):
             values = tuple(float(value) for value in getattr(self, name))
             if len(values) != 3:
-                raise InvalidProblemError(f"{name} of a leg has {len(values)} numbers; expected 3")
+                raise InvalidProblemError(
+                    f"{name} of a leg has {len(values)} numbers; expected 3", path="system.legs"
+                )
+            if not all(isfinite(value) for value in values):
+                raise InvalidProblemError(
+                    f"{name} of a leg is {values}; expected finite numbers", path="system.legs"
+                )
             if name in ("r", "w4"):
                 length = hypot(*values)
                 if length < 1e-9:
-                    raise InvalidProblemError(f"{name} of a leg is the zero vector; expected a direction")
-                values = tuple(value / length for value in values)
+                    raise InvalidProblemError(
+                        f"{name} of a leg is the zero vector; expected a direction", path="system.legs"
+                    )
+                if abs(length - 1) > 1e-15:  # else as it came: parameters() must round-trip exactly
+                    values = tuple(value / length for value in values)
             object.__setattr__(self, name, values)
+        if self.joint not in ("veselova", "suslov"):
+            raise InvalidProblemError(f"joint {self.joint!r} is none of veselova, suslov", path="system.legs")
 
 
 @dataclass(frozen=True)
@@ -60,11 +71,11 @@ class LegPose:
         xp = namespace(self.a, self.r)
         towards = self.a - dot(self.a, self.r) * self.r
         squared = dot(towards, towards)
-        # a parallel to r leaves w1 free: any perpendicular serves, e.g. the one nearest the x axis
-        spare = (
-            xp.array([1.0, 0.0, 0.0])
-            - self.r[0] * self.r
-            + 1e-3 * (xp.array([0.0, 1.0, 0.0]) - self.r[1] * self.r)
+        # a parallel to r leaves w1 free: any perpendicular serves, e.g. the one nearest the x axis, else the y axis
+        spare = xp.where(
+            self.r[0] * self.r[0] < 0.9,
+            xp.array([1.0, 0.0, 0.0]) - self.r[0] * self.r,
+            xp.array([0.0, 1.0, 0.0]) - self.r[1] * self.r,
         )
         w1 = unit(xp.where(squared > 1e-12 * (1 + dot(self.a, self.a)), towards, spare))
         return w1, cross(self.r, w1)
@@ -184,6 +195,9 @@ class ThreeUPU(System):
             "platform_axis": platform_axis,
             "joint": joint,
         }
+        for name, value in self._shape.items():
+            if isinstance(value, float) and not isfinite(value):
+                raise InvalidProblemError(f"{value:g}; expected a finite number", path=f"system.{name}")
         self.form = form
         self._explicit = legs is not None
         self.legs = tuple(_leg(leg) for leg in legs) if legs is not None else _symmetric_legs(**self._shape)
@@ -313,7 +327,13 @@ class ThreeUPU(System):
 
 
 def _leg(leg: Leg | Mapping[str, Any]) -> Leg:
-    return leg if isinstance(leg, Leg) else Leg(**leg)
+    if isinstance(leg, Leg):
+        return leg
+    if not {"base", "platform", "r", "w4"} <= set(leg) <= {"base", "platform", "r", "w4", "joint"}:
+        raise InvalidProblemError(
+            f"a leg with {', '.join(leg)}; expected base, platform, r, w4, joint", path="system.legs"
+        )
+    return Leg(**leg)
 
 
 def _reference(w4: Vector3) -> Vector3:

@@ -1,0 +1,76 @@
+"""nhpocp: motion planning for parallel robots with non-holonomic joints. Public names load when first used."""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from nhpocp.controls.control import Control as Control
+    from nhpocp.controls.fourier import Fourier as Fourier
+    from nhpocp.errors import InvalidProblemError as InvalidProblemError
+    from nhpocp.errors import NhpocpError as NhpocpError
+    from nhpocp.flow.integrators import CasadiRungeKutta as CasadiRungeKutta
+    from nhpocp.flow.integrators import Cvodes as Cvodes
+    from nhpocp.flow.integrators import RungeKutta4 as RungeKutta4
+    from nhpocp.planning import solve as solve
+    from nhpocp.problem import Horizon as Horizon
+    from nhpocp.problem import PlanningProblem as PlanningProblem
+    from nhpocp.problem_file import load_problem as load_problem
+    from nhpocp.solution import Outcome as Outcome
+    from nhpocp.solution import Solution as Solution
+    from nhpocp.solution import Verdict as Verdict
+    from nhpocp.solution_folder import load_solution as load_solution
+    from nhpocp.solution_folder import save_solution as save_solution
+    from nhpocp.solvers.continuation import Continuation as Continuation
+    from nhpocp.solvers.continuation import Euler as Euler
+    from nhpocp.solvers.generalized_inverses import CoefficientMetric as CoefficientMetric
+    from nhpocp.solvers.generalized_inverses import L2Metric as L2Metric
+    from nhpocp.solvers.generalized_inverses import MoorePenrose as MoorePenrose
+    from nhpocp.state_space import StateSpace as StateSpace
+    from nhpocp.systems.system import System as System
+    from nhpocp.systems.three_upu import Leg as Leg
+    from nhpocp.systems.three_upu import ThreeUPU as ThreeUPU
+    from nhpocp.verification import verify as verify
+
+__version__ = "0.1.0"
+
+_HOMES = {
+    "CasadiRungeKutta": "flow.integrators",
+    "CoefficientMetric": "solvers.generalized_inverses",
+    "Continuation": "solvers.continuation",
+    "Control": "controls.control",
+    "Cvodes": "flow.integrators",
+    "Euler": "solvers.continuation",
+    "Fourier": "controls.fourier",
+    "Horizon": "problem",
+    "InvalidProblemError": "errors",
+    "L2Metric": "solvers.generalized_inverses",
+    "Leg": "systems.three_upu",
+    "MoorePenrose": "solvers.generalized_inverses",
+    "NhpocpError": "errors",
+    "Outcome": "solution",
+    "PlanningProblem": "problem",
+    "RungeKutta4": "flow.integrators",
+    "Solution": "solution",
+    "StateSpace": "state_space",
+    "System": "systems.system",
+    "ThreeUPU": "systems.three_upu",
+    "Verdict": "solution",
+    "load_problem": "problem_file",
+    "load_solution": "solution_folder",
+    "save_solution": "solution_folder",
+    "solve": "planning",
+    "verify": "verification",
+}
+__all__ = ["__version__", *_HOMES]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module 'nhpocp' has no attribute {name!r}")
+    value = getattr(import_module(f"nhpocp.{_HOMES[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -1,0 +1,253 @@
+"""A validated problem file made into a `PlanningProblem`: here, and only here, names become objects.
+
+`AVAILABLE` lists what each name of the file can be built from; a name that the file may use and that is not listed is
+answered with what is.
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path as FilePath
+from typing import TYPE_CHECKING, Any
+
+from nhpocp.errors import InvalidProblemError
+from nhpocp.problem_file.control import ControlBlock
+from nhpocp.problem_file.reading import ProblemFile, read, read_text
+from nhpocp.problem_file.schema import FreeHorizon, ProblemData
+from nhpocp.problem_file.settings import JacobianSettings, NlpSettings
+from nhpocp.problem_file.states import plain_state
+
+if TYPE_CHECKING:
+    from nhpocp.constraints import Bound
+    from nhpocp.controls.basis import ControlBasis
+    from nhpocp.controls.control import Control
+    from nhpocp.problem import PlanningProblem
+    from nhpocp.systems.system import System
+
+# key -> name in the file -> "module:Class"
+AVAILABLE: dict[str, dict[str, str]] = {
+    "control.basis": {"fourier": "nhpocp.controls.fourier:Fourier"},
+    "solvers.jacobian.step_rule": {"euler": "nhpocp.solvers.continuation:Euler"},
+    "solvers.jacobian.inverse": {"moore_penrose": "nhpocp.solvers.generalized_inverses:MoorePenrose"},
+    "solvers.jacobian.metric": {
+        "coefficients": "nhpocp.solvers.generalized_inverses:CoefficientMetric",
+        "l2": "nhpocp.solvers.generalized_inverses:L2Metric",
+    },
+    "solvers.jacobian.integrator": {
+        "rk4": "nhpocp.flow.integrators:RungeKutta4",
+        "rk": "nhpocp.flow.integrators:CasadiRungeKutta",
+        "cvodes": "nhpocp.flow.integrators:Cvodes",
+    },
+    "solvers.jacobian.sensitivity": {
+        "automatic": "nhpocp.flow.end_point_map:DifferentiatedEndPointMap",
+        "variational": "nhpocp.flow.end_point_map:VariationalEndPointMap",
+    },
+}
+# key -> the values that this version can honour
+HONOURED: dict[str, Sequence[Any]] = {
+    "solvers.jacobian.objective": ("none",),
+    "solvers.jacobian.starts": (1,),
+}
+SOLVERS = {
+    "jacobian": "nhpocp.solvers.continuation",
+    "nlp": "nhpocp.solvers.multiple_shooting",
+}
+
+
+def load_problem(path: str | FilePath, overrides: Sequence[str] = ()) -> PlanningProblem:
+    """The problem that a file describes.
+
+    Errors: `InvalidProblemError` with file, line and column.
+    """
+    return build(read(path, overrides))
+
+
+def parse_problem(text: str, file: str | None = None, overrides: Sequence[str] = ()) -> PlanningProblem:
+    """The same from a text."""
+    return build(read_text(text, file, overrides))
+
+
+def build(file: ProblemFile) -> PlanningProblem:
+    """The problem of a validated file."""
+    from nhpocp.problem import Horizon, PlanningProblem
+
+    data, system = file.data, file.system
+    horizon = data.horizon
+    try:
+        _check_via(data)
+        return PlanningProblem(
+            system=system,
+            start=plain_state(data.start),
+            goal=plain_state(data.goal),
+            name=data.name or "problem",
+            horizon=(
+                Horizon(initial=horizon.initial, minimum=horizon.min, maximum=horizon.max)
+                if isinstance(horizon, FreeHorizon)
+                else Horizon(initial=horizon)
+            ),
+            basis=build_basis(data.control),
+            initial=None if data.control.initial == "auto" else data.control.initial,
+            objective=data.objective,
+            error_length=data.error_length,
+            length_scale=data.length_scale,
+            bounds=build_bounds(data, system),
+            solvers=_build_solvers(data),
+            samples=data.output.samples,
+            pictures=data.output.pictures,
+            reference=data.reference.model_dump(exclude_none=True),
+            source=file.text,
+        )
+    except InvalidProblemError as error:
+        raise file.located(error) from None
+
+
+def _check_via(data: ProblemData) -> None:
+    if data.via:
+        raise InvalidProblemError("via points are not available in this version; remove them", path="via")
+
+
+def _available(key: str, name: str) -> Callable[..., Any]:
+    """The class behind a name of the file."""
+    known = AVAILABLE[key]
+    if name not in known:
+        raise InvalidProblemError(_not_available(key, name, list(known)), path=key)
+    module, _, attribute = known[name].partition(":")
+    found: Callable[..., Any] = getattr(importlib.import_module(module), attribute)
+    return found
+
+
+def _not_available(key: str, value: Any, known: Sequence[Any]) -> str:
+    setting = key.rpartition(".")[2]
+    return f"{setting} {value!r} is not available in this version; available: {', '.join(map(str, known))}"
+
+
+def build_basis(data: ControlBlock) -> ControlBasis:
+    """The basis of a `control` block."""
+    found: ControlBasis = _available("control.basis", data.basis)(**data.parameters())
+    return found
+
+
+def control_from_json(data: Mapping[str, Any]) -> Control:
+    """The control that a solution file describes.
+
+    Errors: `InvalidProblemError` for a basis that this version does not have, or data that is none.
+    """
+    from nhpocp.controls.control import Control
+
+    try:
+        basis, coefficients = _available("control.basis", data["basis"]).from_json(data)  # type: ignore[attr-defined]
+        return Control(basis, coefficients, float(data["horizon"]))
+    except (LookupError, TypeError) as error:
+        raise InvalidProblemError(f"no control in {type(error).__name__}: {error}", path="control") from None
+
+
+def _build_solvers(data: ProblemData) -> dict[str, Any]:
+    """Every solver that this version has: the one place where a missing one is left out."""
+    return {
+        name: build_solver(name, getattr(data.solvers, name), data.solvers.compile)
+        for name, module in SOLVERS.items()
+        if importlib.util.find_spec(module) is not None and name in _BUILDERS
+    }
+
+
+def build_solver(
+    name: str,
+    data: JacobianSettings | NlpSettings | Mapping[str, Any] | None = None,
+    compile_mode: str = "auto",
+) -> Any:
+    """A solver object from its settings: a block of the file, validated or plain data; None: the defaults."""
+    if name not in _BUILDERS:
+        raise InvalidProblemError(_not_available("solver", name, list(_BUILDERS)), path="solvers")
+    model, builder = _BUILDERS[name]
+    settings = data if isinstance(data, model) else _validated(name, model, data or {})
+    return builder(settings, compile_mode)
+
+
+def _validated(name: str, model: type[Any], data: Any) -> Any:
+    from pydantic import ValidationError
+
+    from nhpocp.problem_file.issues import dotted
+    from nhpocp.problem_file.messages import translate
+
+    try:
+        return model.model_validate(dict(data))
+    except ValidationError as error:
+        issue = translate(error, model)[0].under(("solvers", name))
+        raise InvalidProblemError(issue.message, path=dotted(issue.path)) from None
+
+
+def _build_jacobian(data: JacobianSettings, compile_mode: str) -> Any:
+    # compile_mode: the kernels that it governs come with a later version; until then every value means "never"
+    from nhpocp.solvers.continuation import Continuation
+
+    for key, honoured in HONOURED.items():
+        value = getattr(data, key.rpartition(".")[2])
+        if value not in honoured:
+            raise InvalidProblemError(_not_available(key, value, honoured), path=key)
+    integrator = _available("solvers.jacobian.integrator", data.integrator)
+    return Continuation(
+        step_rule=_available("solvers.jacobian.step_rule", data.step_rule)(gamma=data.gamma),
+        inverse=_available("solvers.jacobian.inverse", data.inverse)(),
+        metric=_available("solvers.jacobian.metric", data.metric)(),
+        integrator=integrator() if data.integrator == "cvodes" else integrator(steps=data.steps),
+        sensitivity=_available("solvers.jacobian.sensitivity", data.sensitivity),
+        tolerance=data.tolerance,
+        max_iterations=data.max_iterations,
+        seed=data.seed,
+    )
+
+
+_BUILDERS: dict[str, tuple[type[Any], Callable[[Any, str], Any]]] = {
+    "jacobian": (JacobianSettings, _build_jacobian),
+}
+
+
+def build_bounds(data: ProblemData, system: System) -> list[Bound]:
+    """The `constraints` block as bounds on named quantities."""
+    from nhpocp.constraints import Bound
+
+    given, bounds = data.constraints, []
+    if given.leg_length is not None:
+        bounds.append(Bound("leg_length", "leg_lengths", *_sides(given.leg_length)))
+    if given.leg_speed is not None:
+        bounds.append(Bound("leg_speed", "u", -given.leg_speed, given.leg_speed))
+    if given.control is not None:
+        bounds += _control_bounds(given.control, system)
+    if given.clearance is not None:
+        bounds += [
+            Bound(f"clearance.sigma_{which}", f"sigma_{which}", given.clearance) for which in ("s", "w")
+        ]
+    for name, bound in (given.state or {}).items():
+        bounds.append(Bound(f"state.{name}", name, *_sides(bound)))
+    return bounds
+
+
+def _control_bounds(given: float | list[list[float | None]], system: System) -> list[Bound]:
+    """One bound per input block; ``given`` counts single inputs."""
+    from nhpocp.constraints import Bound
+
+    blocks, bounds, first = system.input_space.blocks, [], 0
+    for block in blocks:
+        label = "control" if len(blocks) == 1 else f"control.{block.name}"
+        if isinstance(given, list):
+            pairs = given[first : first + block.size]
+            columns = [[pair[side] for pair in pairs] for side in (0, 1)]
+            low, high = _sides(columns if block.kind == "vector" else [column[0] for column in columns])
+        else:
+            low, high = -given, given
+        bounds.append(Bound(label, block.name, low, high))
+        first += block.size
+    return bounds
+
+
+def _sides(pair: Sequence[Any]) -> tuple[Any, Any]:
+    """Lower and upper bounds; an open side is infinite."""
+
+    def closed(value: Any, infinite: float) -> Any:
+        if isinstance(value, list):
+            return [closed(x, infinite) for x in value]
+        return infinite if value is None else value
+
+    return closed(pair[0], float("-inf")), closed(pair[1], float("inf"))

@@ -1,0 +1,180 @@
+"""A problem built in Python written as a problem file: `parse_problem(dump_problem(p))` is the same problem."""
+
+from __future__ import annotations
+
+import json
+import re
+from typing import TYPE_CHECKING, Any
+
+from nhpocp.errors import InvalidProblemError
+from nhpocp.problem_file.settings import JacobianSettings, NlpSettings
+
+if TYPE_CHECKING:
+    from nhpocp.constraints import Bound
+    from nhpocp.problem import PlanningProblem
+
+_SETTINGS: dict[str, type[JacobianSettings | NlpSettings]] = {
+    "jacobian": JacobianSettings,
+    "nlp": NlpSettings,
+}
+_BLOCKS = {
+    "",
+    "control",
+    "constraints",
+    "solvers",
+    "reference",
+}  # written one key a line, the rest in one line
+
+
+def dump_problem(problem: PlanningProblem) -> str:
+    """The problem as YAML; the text that it was read from, if it was.
+
+    Errors: `InvalidProblemError` for what a file has no words for, such as a bound with a label of one's own.
+    """
+    return problem.source if problem.source is not None else _write(_data(problem))
+
+
+def _data(problem: PlanningProblem) -> dict[str, Any]:
+    horizon = problem.horizon
+    data: dict[str, Any] = {
+        "nhpocp": 1,
+        "name": problem.name,
+        "system": {"model": problem.system.model, **problem.system.parameters()},
+        "start": _state(problem, problem.start),
+        "goal": _state(problem, problem.goal),
+        "horizon": (
+            _without_none({"min": horizon.minimum, "max": horizon.maximum, "initial": horizon.initial})
+            if horizon.free
+            else horizon.initial
+        ),
+        "control": {
+            "basis": problem.basis.kind,
+            **problem.basis.parameters(),
+            "initial": "auto" if problem.initial is None else problem.initial.tolist(),
+        },
+        "objective": problem.objective,
+        "error_length": problem.error_length,
+        "length_scale": problem.length_scale,
+        "via": [{"at": via.share, **_state(problem, via.goal)} for via in problem.via] or None,
+        "constraints": _constraints(problem) or None,
+        "solvers": _solvers(problem) or None,
+        "output": {"samples": problem.samples, "pictures": problem.pictures},
+        "reference": dict(problem.reference) or None,
+    }
+    return _without_none(data)
+
+
+def _without_none(data: dict[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in data.items() if value is not None}
+
+
+def _state(problem: PlanningProblem, values: Any) -> dict[str, Any]:
+    import numpy as np
+
+    kinds = {block.name: block.kind for block in problem.system.state_space.blocks}
+    plain = {name: np.asarray(value, dtype=float).tolist() for name, value in values.items()}
+    return {name: {"matrix": value} if kinds[name] == "rotation" else value for name, value in plain.items()}
+
+
+def _solvers(problem: PlanningProblem) -> dict[str, Any]:
+    """Settings under the file's names; what a file has no name for stays behind."""
+    found: dict[str, Any] = {}
+    for name, solver in problem.solvers.items():
+        known = _SETTINGS[name].model_fields if name in _SETTINGS else {}
+        settings = {key: value for key, value in solver.settings().items() if key in known}
+        found[name] = _without_none(settings)
+    return found
+
+
+def _constraints(problem: PlanningProblem) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    pairs: list[Any] = []  # of `control`, one per input
+    for bound in problem.bounds:
+        label, _, rest = bound.label.partition(".")
+        low, high = _open(bound.lower), _open(bound.upper)
+        if label == "leg_length":
+            found[label] = [low, high]
+        elif label == "leg_speed":
+            found[label] = _symmetric(bound, low, high)
+        elif label == "clearance":
+            found[label] = low
+        elif label == "control":
+            pairs += _pairs(problem, bound, low, high)
+        elif label == "state":
+            found.setdefault(label, {})[rest] = _lists(low, high)
+        else:
+            raise InvalidProblemError(
+                f"a problem file has no word for the bound {bound.label!r}; expected one of leg_length, leg_speed, "
+                "control, clearance.sigma_s, state.<name>",
+                path="constraints",
+            )
+    if pairs:
+        found["control"] = pairs
+    return found
+
+
+def _pairs(problem: PlanningProblem, bound: Bound, low: Any, high: Any) -> list[Any]:
+    block = next(block for block in problem.system.input_space.blocks if block.name == bound.quantity)
+    lows, highs = ([side] * block.size if not isinstance(side, list) else side for side in (low, high))
+    return [list(pair) for pair in zip(lows, highs, strict=True)]
+
+
+def _lists(low: Any, high: Any) -> list[Any]:
+    """[lo, hi], both lists as soon as one is."""
+    if isinstance(low, list) != isinstance(high, list):
+        length = len(low if isinstance(low, list) else high)
+        return [side if isinstance(side, list) else [side] * length for side in (low, high)]
+    return [low, high]
+
+
+def _symmetric(bound: Bound, low: Any, high: Any) -> Any:
+    if isinstance(low, list) or low is None or high is None or low != -high:
+        raise InvalidProblemError(
+            f"the bound {bound.label!r} is not -c … c; a problem file has no word for it", path="constraints"
+        )
+    return high
+
+
+def _open(side: Any) -> Any:
+    """A side of a bound as plain data: null where it is infinite."""
+    import numpy as np
+
+    values = np.asarray(side, dtype=float)
+    if values.ndim:
+        return [_open(value) for value in values]
+    return float(values) if np.isfinite(values) else None
+
+
+def _write(data: dict[str, Any], path: str = "", indent: str = "") -> str:
+    """Block style for the blocks that are read line by line, flow style (JSON is YAML) inside."""
+    lines = []
+    for name, value in data.items():
+        here = f"{path}.{name}".lstrip(".")
+        if isinstance(value, dict) and value and here in _BLOCKS:
+            lines.append(f"{indent}{_flow(name)}:\n" + _write(value, here, indent + "  "))
+        elif here == "control.initial" and isinstance(value, list):
+            lines.append(f"{indent}{name}:\n" + "".join(f"{indent}  - {_flow(row)}\n" for row in value))
+        else:
+            lines.append(f"{indent}{_flow(name)}: {_flow(value)}\n")
+    return "".join(lines)
+
+
+def _flow(value: Any) -> str:
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{_flow(name)}: {_flow(item)}" for name, item in value.items()) + "}"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(_flow(item) for item in value) + "]"
+    if isinstance(value, str) and re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", value) and not _is_word(value):
+        return value
+    if hasattr(value, "item"):
+        value = value.item()  # a NumPy scalar
+    try:
+        text = json.dumps(value, ensure_ascii=False, allow_nan=False)
+    except (TypeError, ValueError):
+        raise InvalidProblemError(f"{value!r} cannot be written into a problem file") from None
+    # JSON leaves characters alone that YAML wants escaped
+    return re.sub(r"[\x7f-\x9f\u2028\u2029\ufeff\ufffe\uffff]", lambda c: f"\\u{ord(c[0]):04x}", text)
+
+
+def _is_word(text: str) -> bool:
+    return text.lower() in ("null", "true", "false", "yes", "no", "on", "off", "y", "n")

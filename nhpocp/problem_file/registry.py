@@ -1,0 +1,159 @@
+"""The registry of systems and the `system` block: the one place where a model's name meets its class.
+
+Classes are imported when they are asked for, and import neither CasADi nor NumPy themselves.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Mapping
+from typing import Any, Literal, cast
+
+from pydantic import Field, ValidationError, create_model
+
+from nhpocp.errors import InvalidProblemError
+from nhpocp.problem_file.issues import Issue, Refusal, suggestion
+from nhpocp.problem_file.messages import translate
+from nhpocp.problem_file.numbers import Number, Positive, Whole, describe
+from nhpocp.problem_file.states import Strict, Vector3
+from nhpocp.state_space import StateSpace
+from nhpocp.systems.system import Parameter, System
+
+SYSTEMS: dict[str, str] = {
+    "three_upu": "nhpocp.systems.three_upu:ThreeUPU",
+}
+
+# Names that `constraints.state` may bound besides the state's own blocks. A model that is not listed is asked when the
+# problem is built, for its outputs are CasADi expressions.
+OUTPUTS: dict[str, tuple[str, ...]] = {
+    "three_upu": ("u", "v", "leg_lengths", "joint_angles"),
+}
+
+
+class LegData(Strict):
+    """One leg of the 3-ŬPU robot as built."""
+
+    base: Vector3 = Field(description="centre of the sphere, base coordinates")
+    platform: Vector3 = Field(description="centre of the universal joint, platform coordinates")
+    r: Vector3 = Field(description="roller normal, base coordinates (suslov: along g, w3, g×w3)")
+    w4: Vector3 = Field(description="axis of the universal joint fixed in the platform")
+    joint: Literal["veselova", "suslov"] = Field(
+        default="veselova", description="r fixed in the base or in the leg"
+    )
+
+
+def system_class(model: str) -> type[System]:
+    """The class of a registered model."""
+    module, _, name = SYSTEMS[model].partition(":")
+    return cast("type[System]", getattr(importlib.import_module(module), name))
+
+
+def _field(parameter: Parameter) -> Any:
+    kinds: dict[str, Any] = {
+        "number": Number,
+        "positive": Positive,
+        "integer": Whole,
+        "numbers": list[Number],
+        "legs": list[LegData],
+        "choice": Literal[parameter.choices or ("",)],
+    }
+    return kinds[parameter.kind]
+
+
+def system_model(model: str) -> type[Strict]:
+    """The pydantic model of the `system` block, built from what the class declares."""
+    declared, presets = system_class(model).declared, system_class(model).presets
+    fields: dict[str, Any] = {
+        "model": (Literal[(model,)], Field(description="name of the system; see `nhpocp systems`"))
+    }
+    if presets:
+        fields["preset"] = (
+            Literal[tuple(presets)],
+            Field(default=None, description="named set of parameters; parameters beside it override it"),
+        )
+    for name, parameter in declared.items():
+        shown = "" if parameter.default is None else f"; default {_plain(parameter.default)}"
+        fields[name] = (_field(parameter), Field(default=None, description=parameter.meaning + shown))
+    return create_model(f"System_{model}", __base__=Strict, __doc__=f"The system {model}.", **fields)
+
+
+def _plain(value: Any) -> str:
+    return f"{value:.12g}" if isinstance(value, float) else str(value)
+
+
+def read_system(data: Any) -> tuple[System, dict[str, Any]]:
+    """The system that a `system` block describes, and the block with its numbers read.
+
+    Errors: `Refusal`, paths relative to the block.
+    """
+    if not isinstance(data, dict):
+        raise Refusal([Issue((), f"expected a mapping such as {{model: three_upu}}, got {describe(data)}")])
+    model = data.get("model")
+    if model is None:
+        raise Refusal([Issue(("model",), f"required key is missing; available: {', '.join(SYSTEMS)}")])
+    if not isinstance(model, str):
+        raise Refusal([Issue(("model",), f"expected a name, got {describe(model)}")])
+    if model not in SYSTEMS:
+        raise Refusal([Issue(("model",), f"unknown model {model!r}; {suggestion(model, SYSTEMS)}")])
+    block_model = system_model(model)
+    try:
+        block = block_model.model_validate(data).model_dump(exclude_unset=True)
+    except ValidationError as error:
+        raise Refusal(translate(error, block_model)) from None
+    return _build(model, block), block
+
+
+def _build(model: str, block: Mapping[str, Any]) -> System:
+    cls = system_class(model)
+    given = {name: value for name, value in block.items() if name not in ("model", "preset")}
+    parameters = {**cls.presets.get(block.get("preset", ""), {}), **given}
+    if "legs" in given:
+        beside = [name for name in given if name not in ("legs", "form")]
+        if beside:
+            raise Refusal(
+                [
+                    Issue(
+                        (beside[0],),
+                        "stands beside legs, which replace it; remove one of the two",
+                        at_key=True,
+                    )
+                ]
+            )
+        parameters = {name: value for name, value in parameters.items() if name in ("legs", "form")}
+    try:
+        return cls(**parameters)
+    except InvalidProblemError as error:
+        path = (error.path or "").removeprefix("system").removeprefix(".")
+        place = path if path else "legs" if "legs" in given else ""
+        raise Refusal([Issue((place,) if place else (), error.message)]) from None
+
+
+def describe_space(space: StateSpace) -> list[dict[str, Any]]:
+    """Blocks as plain data."""
+    return [
+        {"name": block.name, "kind": block.kind, "shape": list(block.shape), "unit": block.unit}
+        for block in space.blocks
+    ]
+
+
+def systems() -> dict[str, dict[str, Any]]:
+    """Every model: parameters with defaults and meanings, presets, names of states and inputs. Plain JSON data."""
+    found = {}
+    for model in SYSTEMS:
+        cls = system_class(model)
+        instance = cls()
+        found[model] = {
+            "parameters": {
+                name: {
+                    "kind": parameter.kind,
+                    **({"choices": list(parameter.choices)} if parameter.choices else {}),
+                }
+                for name, parameter in cls.declared.items()
+            },
+            "defaults": {name: parameter.default for name, parameter in cls.declared.items()},
+            "meanings": {name: parameter.meaning for name, parameter in cls.declared.items()},
+            "presets": {name: dict(values) for name, values in cls.presets.items()},
+            "states": describe_space(instance.state_space),
+            "inputs": describe_space(instance.input_space),
+        }
+    return found

@@ -1,0 +1,275 @@
+"""The verdict on a Solution: its control replayed, its trajectory compared, its legs and bounds looked at."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from nhpocp.arrays import Array
+from nhpocp.constraints import BoundReport, check_bounds
+from nhpocp.solution import Crossing, Replay, Solution, Verdict
+from nhpocp.systems.numeric import NumericSystem
+from nhpocp.verification import geometry
+from nhpocp.verification.crossings import find_crossings
+from nhpocp.verification.replay import (
+    METHOD,
+    FastFunction,
+    Path,
+    Watch,
+    integrate,
+    replay,
+    sample,
+    weighted_difference,
+)
+
+SAMPLES = 1001
+SLACK = 1.01  # on the solver's tolerance, for the difference between two integrators
+GEOMETRY_TOLERANCE = 1e-6  # on rolling and leg_rate
+NEAR_SINGULAR = 1e-3  # σ_min under which the system's own rates have too few digits left for that
+DRIFT = 1e-5  # on RᵀR; a start may be off by 1e-6, and the exact flow keeps RᵀR as it is
+QUANTITY_TOLERANCE = 1e-4  # relative; outputs move as the states do, times the mechanism's gains
+PATH_TOLERANCE = 1e-5  # share of the mechanism's length by which a stored trajectory may be off
+
+
+def verify(solution: Solution) -> Verdict:
+    """What an independent check finds; never raises for a solution that is wrong.
+
+    ``ok`` only where the replayed end (and every via pose) is within 1.01 × the solution's tolerance, rolling and
+    leg_rate are ≤ 1e-6, no determinant that the equations divide by changes its sign, the stored trajectory is the
+    replayed one, and every bound holds on a fine grid.
+    """
+    with np.errstate(
+        all="ignore"
+    ):  # a path that blows up has overflowing outputs; they are reported, not warned of
+        check = _Check(solution)
+        error = check.end_error()
+        rolling, leg_rate = check.legs()
+        original = check.original()
+        return Verdict(
+            error=error,
+            method=check.method,
+            original=original,
+            rolling=rolling,
+            leg_rate=leg_rate,
+            orthogonality=check.orthogonality(),
+            trajectory_deviation=check.trajectory_deviation(),
+            crossings=check.crossings(),
+            bounds=check.bounds(),
+            # last, since the checks above fill them
+            reasons=tuple(check.reasons),
+            warnings=tuple(check.warnings),
+            ok=not check.reasons,
+        )
+
+
+@dataclass
+class _Check:
+    """One verification under way: each method is one check, and notes what it finds in reasons and warnings."""
+
+    solution: Solution
+    reasons: list[str] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.problem, self.control = self.solution.problem, self.solution.control
+        self.system: Any = self.problem.system
+        self.space = self.system.state_space
+        self.numeric = NumericSystem(self.system)
+        self.path = replay(self.numeric, self.control, self.problem.start_point)
+        self.samples = sample(self.path, self.control, SAMPLES)
+        self.allowed = SLACK * self.solution.tolerance
+
+    @property
+    def method(self) -> str:
+        legs = "; legs by five-point differences of their frames" if geometry.has_legs(self.system) else ""
+        return f"{METHOD}{legs}"
+
+    @cached_property
+    def trajectory(self) -> dict[str, Array]:
+        """The replay's blocks, inputs, outputs and margins at the samples."""
+        return self.numeric.trajectory(self.samples.states, self.samples.controls, self.problem.scale)
+
+    def pose_error(self, point: Array, goal: Mapping[str, Any]) -> float:
+        """E over the blocks that ``goal`` fixes. [Paper] section 4"""
+        target = np.asarray(self.space.pack({**self.problem.start, **goal}), dtype=float)
+        difference = weighted_difference(self.space, point[None], target[None], self.problem.error_length)[0]
+        return float(np.sqrt(sum(np.sum(difference[self.space.tangent_slice(name)] ** 2) for name in goal)))
+
+    def end_error(self) -> float | None:
+        """E at T, and at the via poses."""
+        horizon = self.control.horizon
+        for via in self.problem.via:
+            if via.share * horizon <= self.path.reached:
+                missed = self.pose_error(self.path(np.array([via.share * horizon]))[0], via.goal)
+                if not missed <= self.allowed:
+                    self.reasons.append(
+                        f"the via pose at {via.share:g} of the horizon is missed by {missed:.3g}"
+                    )
+        if self.path.stopped:
+            self.reasons.append(f"the replay stopped at {self._stop(self.path)}")
+            return None
+        error = self.pose_error(self.path(np.array([horizon]))[0], self.problem.goal)
+        if not error <= self.allowed:
+            self.reasons.append(
+                f"the replayed end misses the goal by {error:.3g}; the tolerance is {self.solution.tolerance:g}"
+            )
+        return error
+
+    def _stop(self, path: Path) -> str:
+        """Where and why a path ends early, and how close to a singularity."""
+        margins = self.numeric.margins(path(np.array([path.reached])), self.problem.scale)
+        places = [f"{name} = {v[0]:.2g}" for name, v in margins.items() if name.startswith("sigma_")]
+        return f"t={path.reached:.6g} of {self.control.horizon:g}: {path.stopped}" + (
+            f" ({', '.join(places)} there)" if places else ""
+        )
+
+    def legs(self) -> tuple[float | None, float | None]:
+        """(rolling, leg_rate), the worst of all samples that are not close to where the equations divide by zero."""
+        if not geometry.has_legs(self.system):
+            return None, None
+        margins = [self.trajectory[f"sigma_{name}"] for name in self.system.breaking()]
+        clear = np.all([margin > NEAR_SINGULAR for margin in margins], axis=0)
+        if not clear.all():
+            near = " or ".join(f"sigma_{name}" for name in self.system.breaking())
+            self.warnings.append(
+                f"rolling and leg speeds were not checked at {np.sum(~clear)} of {len(clear)} samples, "
+                f"where {near} is below {NEAR_SINGULAR:g}"
+            )
+        if not clear.any():
+            self.reasons.append("the whole path is too close to a singularity to check that the legs roll")
+            return None, None
+        found = geometry.residuals(self.numeric, self.samples.states[clear], self.samples.controls[clear])
+        rolling, leg_rate = (float(np.max(values)) for values in found)
+        if not rolling <= GEOMETRY_TOLERANCE:
+            self.reasons.append(
+                f"the legs turn about r: |r·ω|/|ω| is {rolling:.3g}, allowed {GEOMETRY_TOLERANCE:g}"
+            )
+        if not leg_rate <= GEOMETRY_TOLERANCE:
+            self.reasons.append(
+                f"the legs' lengths do not change as u says: off by {leg_rate:.3g}, allowed {GEOMETRY_TOLERANCE:g}"
+            )
+        return rolling, leg_rate
+
+    def original(self) -> Replay | None:
+        """Open-loop replay of eq. (3) under u(t) recovered by eq. (6) along the replay of eq. (7)."""
+        if getattr(self.system, "form", None) != "feedback" or self.path.stopped:
+            return None
+        other = self.system.with_form("original")
+        x, driver, v = (
+            ca.SX.sym(n, k) for n, k in (("x", self.space.size), ("y", self.space.size), ("v", 3))
+        )
+        rate = FastFunction(
+            ca.Function(
+                "original", [x, driver, v], [ca.densify(other.rate(x, self.system.feedback(driver, v)))]
+            )
+        )
+        path = integrate(
+            lambda t, state, side: rate(
+                state, self.path(np.array([t]))[0], self.control(np.array([t]), side)[0]
+            ),
+            self.problem.start_point,
+            self.control.horizon,
+            self.control.breakpoints,
+            Watch(NumericSystem(other), self.problem.start_point, vanishing=1e-5),
+        )
+        return self._judge_original(path)
+
+    def _judge_original(self, path: Path) -> Replay:
+        if path.stopped:
+            self.warnings.append(
+                f"the original equations (3) under the recovered leg speeds can be followed only to {self._stop(path)}"
+            )
+            return Replay(None, path.reached, False)
+        times = np.unique(self.samples.times)
+        apart = weighted_difference(self.space, path(times), self.path(times), self.problem.error_length)
+        error = self.pose_error(path(times[-1:])[0], self.problem.goal)
+        agreement = float(np.linalg.norm(apart, axis=1).max())
+        return Replay(error, path.reached, error <= self.allowed, agreement)
+
+    def orthogonality(self) -> float | None:
+        """max |RᵀR - I| along the replay."""
+        blocks = [block.name for block in self.space.blocks if block.kind == "rotation"]
+        if not blocks:
+            return None
+        states = self.space.split(self.samples.states)
+        drift = max(float(np.abs(_gram(states[name]) - np.eye(3)).max()) for name in blocks)
+        if not drift <= DRIFT:
+            self.reasons.append(f"the replayed orientation leaves the rotations: |RᵀR - I| = {drift:.3g}")
+        return drift
+
+    def trajectory_deviation(self) -> float | None:
+        """Largest distance of the stored trajectory from the replay, at the stored times that the replay reached."""
+        stored = self.solution.trajectory
+        if "t" not in stored or any(name not in stored for name in self.space.names):
+            self.reasons.append("no stored trajectory to compare with the replay")
+            return None
+        times, horizon = np.asarray(stored["t"], dtype=float), self.control.horizon
+        blocks = [np.asarray(stored[name], dtype=float) for name in self.space.names]
+        if not len(times) or any(len(block) != len(times) for block in blocks):
+            self.reasons.append("the stored trajectory's arrays are of different lengths, or empty")
+            return None
+        states = np.hstack([block.reshape(len(times), -1) for block in blocks])
+        if not (np.isfinite(states).all() and np.isfinite(times).all()):
+            self.reasons.append("the stored trajectory is not finite")
+            return None
+        if max(abs(times[0]), abs(times[-1] - horizon)) > 1e-9 * horizon or np.any(np.diff(times) < 0):
+            self.reasons.append(
+                f"the stored times run from {times[0]:g} to {times[-1]:g}; expected 0 to {horizon:g}, in order"
+            )
+        seen = (times >= 0) & (times <= self.path.reached + 1e-9 * horizon)
+        if not seen.any():
+            return None
+        here = self.path(np.minimum(times[seen], self.path.reached))
+        apart = weighted_difference(self.space, states[seen], here, self.problem.error_length)
+        distances = np.linalg.norm(apart, axis=1)
+        worst = int(np.argmax(distances))
+        if not distances[worst] <= max(PATH_TOLERANCE * self.problem.scale, self.solution.tolerance):
+            self.reasons.append(
+                f"the stored trajectory is off the replay by {distances[worst]:.3g} at t={times[seen][worst]:.4g}"
+            )
+        self._compare_quantities(times[seen], here, seen)
+        return float(distances[worst])
+
+    def _compare_quantities(self, times: Array, states: Array, seen: Array) -> None:
+        """Stored controls, outputs and margins against those of the replay."""
+        expected = self.numeric.trajectory(states, self.control(times), self.problem.scale)
+        for name, values in expected.items():
+            if name in self.space.names or name not in self.solution.trajectory:
+                continue
+            stored = np.asarray(self.solution.trajectory[name], dtype=float)[seen]
+            apart = np.abs(stored - values).max()
+            if not apart <= QUANTITY_TOLERANCE * max(1.0, np.abs(values).max()):
+                self.reasons.append(f"the stored {name} is off the replay's by {apart:.3g}")
+
+    def crossings(self) -> list[Crossing]:
+        """Sign changes of the determinants; fatal where the system's own equations divide by it."""
+        found = find_crossings(self.numeric, self.path, self.samples.times)
+        for crossing in found:
+            letter, where = crossing.which.removeprefix("det_").upper(), f"t={crossing.time:.6g}"
+            if letter.lower() in self.system.breaking():
+                if not self.path.stopped:  # else the replay ended there and has said so
+                    self.reasons.append(f"det {letter}, by which these equations divide, is zero at {where}")
+            elif letter == "W":
+                self.warnings.append(
+                    f"det W changes its sign at {where}: a parallel singularity, where the actuators lose the platform"
+                )
+            else:
+                self.warnings.append(f"det {letter} changes its sign at {where}")
+        return found
+
+    def bounds(self) -> list[BoundReport]:
+        """Every stated constraint on the fine grid."""
+        if not self.problem.bounds:
+            return []
+        reports = check_bounds(self.problem.bounds, self.samples.times, self.trajectory)
+        self.reasons.extend(report.describe() for report in reports if not report.ok)
+        return reports
+
+
+def _gram(rotations: Array) -> Array:
+    return rotations.transpose(0, 2, 1) @ rotations

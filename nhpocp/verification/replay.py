@@ -1,0 +1,194 @@
+"""Integration of a system's equations under a stored control, by SciPy's DOP853. [Hairer, Nørsett, Wanner I]
+
+A path is integrated piece by piece between the control's breakpoints with one-sided control values, so that no step
+straddles a discontinuity. The rotation is integrated as nine plain numbers and never projected: its drift off SO(3)
+is one of the things that verification looks at.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from scipy.integrate import DOP853, OdeSolution
+from scipy.optimize import brentq
+from scipy.spatial.transform import Rotation
+
+from nhpocp.arrays import Array
+from nhpocp.controls.basis import Side
+from nhpocp.controls.control import Control
+from nhpocp.state_space import StateSpace
+from nhpocp.systems.numeric import NumericSystem
+
+RTOL = ATOL = 1e-12
+METHOD = f"SciPy DOP853, rtol {RTOL:g}, atol {ATOL:g}, between the control's breakpoints"
+MOST_STEPS = 20_000  # a smooth path takes 20 to 500
+SHORTEST_STEP = 1e-9  # share of a smooth piece; a path that needs such steps ends there
+
+TimedRate = Callable[[float, Array, Side], Array]  # (t, x, side of a breakpoint) ↦ ẋ
+
+
+class FastFunction:
+    """A CasADi Function of vectors with one dense result, called without the wrapper's conversions."""
+
+    def __init__(self, function: ca.Function) -> None:
+        self._function = function  # the buffer refers to it
+        buffer: Any
+        buffer, self._run = function.buffer()
+        self._buffer = buffer  # CasADi's type stubs miss the memoryview overloads
+        self._arguments = [np.zeros(function.numel_in(i)) for i in range(function.n_in())]
+        self._result = np.zeros(function.numel_out(0))
+        for i, argument in enumerate(self._arguments):
+            self._buffer.set_arg(i, argument.data)
+        self._buffer.set_res(0, self._result.data)
+
+    def __call__(self, *arguments: Array) -> Array:
+        for slot, argument in zip(self._arguments, arguments, strict=True):
+            slot[:] = argument
+        self._run()
+        return self._result.copy()
+
+
+@dataclass(frozen=True)
+class Path:
+    """x(t) on [0, reached]; ``stopped`` says why the rest is missing, None where nothing is."""
+
+    start: Array
+    reached: float
+    stopped: str | None = None
+    _dense: Any = field(default=None, repr=False)
+
+    def __call__(self, times: Array) -> Array:
+        """States (k, n) at times (k,) in [0, reached]."""
+        times = np.asarray(times, dtype=float)
+        if self._dense is None:
+            return np.tile(self.start, (len(times), 1))
+        return np.asarray(self._dense(times)).T
+
+
+@dataclass(frozen=True)
+class Samples:
+    """A path on a fine grid; a breakpoint inside stands twice, with the control's limit from either side."""
+
+    times: Array
+    states: Array
+    controls: Array
+
+
+class Watch:
+    """Follows the determinants that a system's equations divide by, from their value at the start.
+
+    A product below ``vanishing`` times its largest value so far counts as zero: closer to a singularity rounding alone
+    turns the step control back, thousands of times over.
+    """
+
+    def __init__(self, numeric: NumericSystem, start: Array, vanishing: float) -> None:
+        self._numeric, self._vanishing = numeric, vanishing
+        self._names = numeric.system.breaking()
+        self._sign, self._largest = np.sign(self.value(start)), 0.0
+
+    def value(self, state: Array) -> float:
+        """The product of the determinants; 1 for a system that divides by none."""
+        if not self._names:
+            return 1.0
+        determinants = self._numeric.determinants(state[None])
+        return float(np.prod([determinants[name][0] for name in self._names]))
+
+    def look(self, dense: Any, low: float, high: float) -> tuple[float, str | None]:
+        """Where a step ends, ``high`` unless a zero is met before, and what was met."""
+        value = self.value(dense(high))
+        self._largest = max(self._largest, abs(value))
+        named = " or ".join(f"det {name.upper()}" for name in self._names)
+        if np.sign(value) != self._sign:
+            if self.value(dense(low)) * value < 0:  # else the value is 0 or not a number
+                high = float(brentq(lambda t: self.value(dense(t)), low, high, xtol=1e-12))
+            return high, f"{named}, by which these equations divide, changes its sign"
+        if abs(value) < self._vanishing * self._largest:
+            return high, f"{named}, by which these equations divide, vanishes"
+        return high, None
+
+
+def integrate(
+    rate: TimedRate,
+    start: Array,
+    horizon: float,
+    breakpoints: Array,
+    watch: Watch | None = None,
+) -> Path:
+    """ẋ = rate over [0, horizon]; ends early where it cannot go on, or where ``watch`` meets a zero."""
+    knots = np.unique([0.0, *breakpoints, horizon])
+    times: list[float] = [0.0]
+    pieces: list[Any] = []
+    state, stopped = np.asarray(start, dtype=float), None
+    with np.errstate(all="ignore"):  # a step that overflows is rejected and shortened
+        for first, last in pairwise(knots):
+
+            def piecewise(t: float, x: Array, last: float = last) -> Array:
+                return rate(min(t, last), x, "left" if t >= last else "right")
+
+            if not np.isfinite(
+                piecewise(first, state)
+            ).all():  # DOP853 would never return from its first step
+                stopped = "the rate there is not finite"
+                break
+            solver = DOP853(piecewise, first, state, last, rtol=RTOL, atol=ATOL)
+            while solver.status == "running" and stopped is None:
+                solver.step()
+                if solver.status == "failed" or len(pieces) >= MOST_STEPS:
+                    stopped = "the step size collapsed"
+                    break
+                dense, end = solver.dense_output(), float(solver.t)
+                if solver.status == "running" and solver.step_size < SHORTEST_STEP * (last - first):
+                    stopped = "the step size collapsed"
+                elif watch:
+                    end, stopped = watch.look(dense, times[-1], end)
+                if end > times[-1]:
+                    times.append(end)
+                    pieces.append(dense)
+            state = solver.y
+            if stopped:
+                break
+    return Path(np.asarray(start), times[-1], stopped, OdeSolution(times, pieces) if pieces else None)
+
+
+def replay(numeric: NumericSystem, control: Control, start: Array) -> Path:
+    """The system's own equations ẋ = G(x) u under the control."""
+    rate = FastFunction(numeric.rate_function)
+    return integrate(
+        lambda t, x, side: rate(x, control(np.array([t]), side)[0]),
+        start,
+        control.horizon,
+        control.breakpoints,
+        Watch(numeric, start, vanishing=1e-7),  # patient: to stop here is to refute
+    )
+
+
+def sample(path: Path, control: Control, count: int) -> Samples:
+    """``count`` equidistant times over [0, reached], and both sides of every breakpoint."""
+    inside = [t for t in control.breakpoints if 0 < t < path.reached]
+    grid = np.linspace(0.0, path.reached, count)
+    times: list[Array] = []
+    controls: list[Array] = []
+    for first, last in pairwise([0.0, *inside, path.reached]):
+        right = np.concatenate([[first], grid[(grid > first) & (grid < last)]])
+        times += [right, np.array([last])]
+        controls += [control(right), control(np.array([last]), "left")]
+    together = np.concatenate(times)
+    return Samples(together, path(together), np.concatenate(controls))
+
+
+def weighted_difference(space: StateSpace, points: Array, origins: Array, error_length: float) -> Array:
+    """Tangent vectors (k, dimension) from origins to points (k, size) with the weights of E; SciPy's own logarithm."""
+    here, there = space.split(points), space.split(origins)
+    parts = []
+    for block in space.blocks:
+        a, b = here[block.name], there[block.name]
+        if block.kind == "rotation":
+            parts.append(Rotation.from_matrix(a @ b.transpose(0, 2, 1)).as_rotvec())
+        else:
+            parts.append((a - b).reshape(len(a), -1))
+    return np.hstack(parts) * np.asarray(space.weights(error_length))

@@ -1,0 +1,225 @@
+"""Mechanisms in space, from the plain arrays of `System.drawing`; closed lines are filled, the rest is drawn.
+
+Lines are named "kind" or "kind number" (leg 1, r 1): the number gives the colour, the kind the weight.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+from nhpocp.arrays import Array
+from nhpocp.solution import Solution
+from nhpocp.views.plots import Path, path_of, quantity
+from nhpocp.views.style import COLOURS, GREY, line_style, symbol
+
+ELEVATION, AZIMUTH = 20.0, -62.0  # degrees
+SPACE = ("$x$ [length]", "$y$ [length]", "$z$ [length]")
+_FILLS = ("0.72", "#F0C05A", "#9CCBE8", "#B7DDB0")
+_THIN = ("#000000", "#AA4499", "#117733", "#882255")
+_MARKERS = ("o", "s", "^", "D")
+
+
+@dataclass(frozen=True)
+class Pose:
+    """A moment of a motion and its drawing."""
+
+    words: str
+    drawing: Mapping[str, Any]
+
+
+def poses_of(solution: Solution) -> list[Pose]:
+    """Start, middle and end of the path, as far as it is finite; the start of the problem where there is none."""
+    system, path = solution.problem.system, path_of(solution)
+    if not path.samples:
+        return [Pose("start $t$ = 0", system.drawing(solution.problem.start_point))]
+    middle = int(np.argmin(np.abs(path.times - 0.5 * (path.times[0] + path.times[-1]))))
+    chosen = {0: "start", middle: "middle", path.samples - 1: "end"}
+    poses = []
+    for k, words in chosen.items():
+        values = {
+            name: np.asarray(solution.trajectory[name], dtype=float)[k] for name in system.state_space.names
+        }
+        poses.append(
+            Pose(f"{words}, $t$ = {path.times[k]:.3g}", system.drawing(system.state_space.pack(values)))
+        )
+    return poses
+
+
+def goal_pose(solution: Solution) -> Pose | None:
+    """The wanted pose, where the goal fixes the whole state."""
+    system, problem = solution.problem.system, solution.problem
+    if set(problem.goal) != set(system.state_space.names):
+        return None
+    return Pose("goal", system.drawing(problem.goal_point))
+
+
+def path_points(solution: Solution, path: Path) -> Array:
+    """Where the moving body goes, (samples, 3): the first vector of two or three lengths in the state."""
+    for block in solution.problem.system.state_space.blocks:
+        if block.kind == "vector" and block.unit == "length" and block.components in (2, 3):
+            values = quantity(solution, block.name, path)
+            return np.pad(values, ((0, 0), (0, 3 - values.shape[1]))) if values.size else np.empty((0, 3))
+    return np.empty((0, 3))
+
+
+def extent(*drawings: Mapping[str, Any], points: Array) -> tuple[Array, Array]:
+    """(low, high) corners of a box around everything, never flat."""
+    parts = [np.asarray(line, dtype=float) for drawing in drawings for line in drawing["lines"].values()]
+    parts += [np.asarray(dots, dtype=float) for drawing in drawings for dots in drawing["points"].values()]
+    every = np.concatenate([*parts, points])
+    every = every[np.isfinite(every).all(axis=1)]
+    low, high = (every.min(axis=0), every.max(axis=0)) if len(every) else (np.zeros(3), np.ones(3))
+    least = 0.05 * max(float((high - low).max()), 1e-9)
+    grow = 0.5 * np.maximum(least - (high - low), 0) + 0.03 * (high - low).max()
+    return low - grow, high + grow
+
+
+def set_view(axes: Any, low: Array, high: Array, names: Sequence[str] = SPACE, zoom: float = 1.0) -> None:
+    """The same scale on the three axes, few ticks, quiet walls."""
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
+    axes.set_box_aspect(high - low, zoom=zoom)
+    axes.set_proj_type("ortho")
+    axes.view_init(elev=ELEVATION, azim=AZIMUTH)
+    for axis, name, size in zip((axes.xaxis, axes.yaxis, axes.zaxis), names, high - low, strict=True):
+        axis.set_major_locator(_few_ticks(3 if size > 0.4 * (high - low).max() else 2))
+        axis.set_pane_color((1, 1, 1, 0))
+        axis.line.set_color("0.5")
+        axis._axinfo["grid"].update(color="0.9", linewidth=0.4)
+        axis.set_label_text(name)
+        axis.labelpad = -7
+    axes.tick_params(pad=-3, labelsize=6.5)
+
+
+def _few_ticks(count: int) -> Any:
+    from matplotlib.ticker import MaxNLocator
+
+    return MaxNLocator(nbins=count + 1, steps=[1, 2, 2.5, 5, 10])
+
+
+def _depth(points: Array) -> float:
+    """How near to the eye the middle of some points is: what is nearer is painted later."""
+    elevation, azimuth = np.radians([ELEVATION, AZIMUTH])
+    eye = [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
+    return float(np.mean(points, axis=0) @ eye)
+
+
+def _is_closed(line: Array) -> bool:
+    return len(line) > 3 and np.allclose(line[0], line[-1])
+
+
+def _kinds(lines: Mapping[str, Array]) -> dict[str, float]:
+    """Kinds of the open lines with their mean length, the longest first."""
+    found: dict[str, list[float]] = {}
+    for name, line in lines.items():
+        if not _is_closed(line):
+            found.setdefault(_split(name)[0], []).append(
+                float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum())
+            )
+    return dict(
+        sorted(((kind, float(np.mean(sizes))) for kind, sizes in found.items()), key=lambda item: -item[1])
+    )
+
+
+def _split(name: str) -> tuple[str, int | None]:
+    found = re.fullmatch(r"(.*?)\s+(\d+)", name)
+    return (found[1], int(found[2]) - 1) if found else (name, None)
+
+
+def plot_robot(axes: Any, drawing: Mapping[str, Any], *, ghost: bool = False) -> None:
+    """One drawing on 3-D axes: filled bodies, coloured legs, thin axes; a ghost is its closed lines, dashed."""
+    lines = {name: np.asarray(line, dtype=float) for name, line in drawing["lines"].items()}
+    lines = {name: line for name, line in lines.items() if np.isfinite(line).all()}
+    closed = {name: line for name, line in lines.items() if _is_closed(line)}
+    if ghost:
+        for line in closed.values():
+            axes.plot(*line.T, color="0.45", linewidth=0.7, linestyle=(0, (4, 2)), zorder=2)
+        return
+    points = {name: np.asarray(dots, dtype=float) for name, dots in drawing["points"].items()}
+    order = {name: _depth(item) for name, item in {**lines, **points}.items()}
+    rank = {name: 10 + i for i, name in enumerate(sorted(order, key=lambda name: order[name]))}
+    for i, (name, line) in enumerate(closed.items()):
+        fill = Poly3DCollection(
+            [line], facecolor=_FILLS[i % len(_FILLS)], edgecolor="0.2", linewidth=0.9, alpha=0.75
+        )
+        fill.set_zorder(rank[name])
+        axes.add_collection3d(fill)
+    kinds = list(_kinds(lines))
+    for name, line in lines.items():
+        if name in closed:
+            continue
+        kind, number = _split(name)
+        axes.plot(*line.T, zorder=rank[name], **open_line_style(kinds.index(kind), number))
+    for i, (name, dots) in enumerate(points.items()):
+        size, marker = (22, 9, 9, 9)[i % 4], _MARKERS[i % len(_MARKERS)]
+        axes.scatter(
+            *dots.T,
+            s=size,
+            marker=marker,
+            color="white",
+            edgecolor="0.15",
+            linewidth=0.7,
+            depthshade=False,
+            zorder=rank[name] + 100,
+        )
+
+
+def open_line_style(kind: int, number: int | None) -> dict[str, Any]:
+    """The longest kind is drawn thick in the colour of its number, the others thin in the colour of their kind."""
+    if kind == 0:
+        return {**line_style(number or 0), "linewidth": 2.0}
+    return {"color": _THIN[(kind - 1) % len(_THIN)], "linewidth": 1.2, "linestyle": "-"}
+
+
+def legend_entries(drawing: Mapping[str, Any]) -> list[tuple[str, dict[str, Any]]]:
+    """(words, line style) of every leg and every other kind of line, for a legend."""
+    lines = {name: np.asarray(line, dtype=float) for name, line in drawing["lines"].items()}
+    kinds, entries = list(_kinds(lines)), []
+    for name, line in lines.items():
+        kind, number = _split(name)
+        if not _is_closed(line) and kind == kinds[0]:
+            entries.append((name.replace("_", " "), open_line_style(0, number)))
+    return entries + [(symbol(kind), open_line_style(i, None)) for i, kind in enumerate(kinds) if i]
+
+
+def plot_path(axes: Any, points: Array, **line: Any) -> None:
+    """The moving body's path with its start (open) and its end (full)."""
+    if not len(points):
+        return
+    axes.plot(*points.T, **{"color": COLOURS[6], "linewidth": 1.1, "zorder": 200, **line})
+    for k, fill in ((0, "white"), (-1, "black")):
+        axes.plot(
+            *points[[k]].T,
+            marker="o",
+            markersize=2.6,
+            markeredgewidth=0.7,
+            color=GREY,
+            markeredgecolor="black",
+            markerfacecolor=fill,
+            zorder=201,
+        )
+
+
+def plot_curves(
+    figure: Any, curves: Sequence[Array], names: Sequence[str], labels: Sequence[str | None]
+) -> None:
+    """Curves of one, two or three numbers against each other, at equal scale; one number against the sample."""
+    columns = curves[0].shape[1]
+    if columns == 3:
+        axes = figure.add_axes((0.02, 0.06, 0.88, 0.84), projection="3d", computed_zorder=False)
+        set_view(axes, *extent(points=np.concatenate(curves)), names=names)
+    else:
+        axes = figure.add_axes((0.18, 0.14, 0.76, 0.76))
+        axes.set(xlabel=names[0], ylabel=names[1] if columns == 2 else "")
+        if columns == 2:
+            axes.set_aspect("equal", adjustable="datalim")
+    for i, (curve, label) in enumerate(zip(curves, labels, strict=True)):
+        drawn = curve if columns > 1 else np.c_[curve, np.arange(len(curve))]
+        plot_path(axes, drawn, label=label, **(line_style(i) if label else {}))
+    if any(labels):
+        figure.legend(loc="lower center", ncols=len(labels))

@@ -1,0 +1,59 @@
+"""What the tests share: the paper's task on a preset, and small systems with known answers."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # pytest-xdist already uses every core
+
+import numpy as np
+import pytest
+
+from nhpocp import so3
+from nhpocp.arrays import namespace
+from nhpocp.problem import PlanningProblem
+from nhpocp.state_space import StateSpace, scalar
+from nhpocp.systems.system import Parameter, System
+from nhpocp.systems.three_upu import ThreeUPU
+
+# [Paper] section 4: λ11 = λ21 = λ32 = .5, λ30 = 1
+PAPER_START = np.array([[0, 0.5, 0, 0, 0], [0, 0.5, 0, 0, 0], [1, 0, 0.5, 0, 0]])
+
+
+def yaw(angle: float) -> np.ndarray:
+    return so3.from_rpy(np.array([0.0, 0.0, angle]))
+
+
+def paper_problem(preset: str = "default", **changes: Any) -> PlanningProblem:
+    """The paper's task on one preset; ``changes`` go to `PlanningProblem`, except ``form`` and geometry."""
+    geometry = {name: changes.pop(name) for name in list(changes) if name in ThreeUPU.declared}
+    values: dict[str, Any] = {
+        "system": ThreeUPU.preset(preset, **geometry),
+        "start": {"position": [0, 0, 25], "orientation": yaw(-np.pi / 6)},
+        "goal": {"position": [-0.4, -0.2, 35], "orientation": yaw(-np.pi / 2)},
+        "initial": PAPER_START,
+        "pictures": False,
+    }
+    return PlanningProblem(**{**values, **changes})
+
+
+class Runaway(System):
+    """ẋ = x² u: escapes to infinity in finite time."""
+
+    model: ClassVar[str] = "runaway"
+    declared: ClassVar[Mapping[str, Parameter]] = {}
+    state_space = StateSpace([scalar("x")])
+    input_space = StateSpace([scalar("u")])
+
+    def parameters(self) -> dict[str, Any]:
+        return {}
+
+    def vector_fields(self, state: Any) -> Any:
+        return namespace(state).rows([state * state])
+
+
+@pytest.fixture
+def problem() -> PlanningProblem:
+    return paper_problem()

@@ -1,0 +1,81 @@
+"""Bounds along a path."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from nhpocp.constraints import Bound, check_bounds
+
+LAW = settings(max_examples=50, deadline=None, derandomize=True)
+TIMES = np.linspace(0, 1, 5)
+numbers = st.floats(-10, 10)
+
+
+@LAW
+@given(st.lists(numbers, min_size=1, max_size=6), numbers, numbers)
+def test_excess_is_the_distance_to_the_interval(values, one, other):
+    lower, upper = sorted((one, other))
+    values = np.array(values)
+    excess = Bound("b", "q", lower, upper).excess(values)
+    assert np.array_equal(excess, np.abs(values - np.clip(values, lower, upper)))
+
+
+def test_bounds_broadcast_over_components():
+    bound = Bound("b", "q", lower=[0, -np.inf, -1], upper=[1, 5, np.inf])
+    values = np.array([[0.5, -100, 100], [-2, 7, -4]])
+    assert bound.excess(values).tolist() == [[0, 0, 0], [2, 2, 3]]
+
+
+@pytest.mark.parametrize(
+    ("lower", "upper", "size"),
+    [(-np.inf, 3, 3), (-5, 3, 5), (0, np.inf, 1), (-np.inf, np.inf, 1), ([1, -7, 2], np.inf, 7)],
+)
+def test_scale_is_the_largest_finite_limit_or_one(lower, upper, size):
+    if np.ndim(lower):
+        upper = [upper] * len(lower)
+    assert Bound("b", "q", lower, upper).scale() == size
+
+
+def test_scale_takes_a_list_beside_a_number():
+    assert Bound("b", "q", [1, -7, 2], 4.0).scale() == 7
+
+
+def test_the_worst_component_and_time_are_named():
+    values = np.zeros((5, 2, 3))
+    values[1, 0, 2], values[3, 1, 0] = 1.5, -4
+    (report,) = check_bounds([Bound("leg_length", "l", -1, 1)], TIMES, {"l": values})
+    assert (report.worst, report.time, report.component, report.ok) == (3, 0.75, (1, 0), False)
+    assert report.describe() == "leg_length[1][0] at t=0.75 outside by 3"
+    assert report.to_json() == {"worst": 3, "ok": False, "t": 0.75, "component": [1, 0]}
+
+
+def test_a_scalar_quantity_has_no_component():
+    (report,) = check_bounds([Bound("margin", "s", lower=0.5)], TIMES, {"s": np.array([1, 1, 0.25, 1, 1])})
+    assert (report.component, report.time, report.worst) == ((), 0.5, 0.25)
+    assert report.describe() == "margin at t=0.5 outside by 0.25"
+
+
+def test_a_tiny_relative_excess_is_forgiven():
+    values = {"q": np.full(5, 40.02)}
+    bound = Bound("b", "q", upper=40)
+    assert check_bounds([bound], TIMES, values)[0].ok
+    assert not check_bounds([bound], TIMES, values, relative_tolerance=1e-4)[0].ok
+
+
+@pytest.mark.parametrize("place", range(5))
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_what_is_no_number_never_passes(place, bad):
+    values = np.zeros((5, 2))
+    values[place, 1] = bad
+    (report,) = check_bounds([Bound("b", "q", -1, 1)], TIMES, {"q": values})
+    assert not report.ok
+    assert report.worst == np.inf
+    assert (report.time, report.component) == (TIMES[place], (1,))
+
+
+def test_every_bound_gets_its_own_report_in_order():
+    bounds = [Bound("a", "q", upper=1), Bound("b", "w", lower=0)]
+    reports = check_bounds(bounds, TIMES, {"q": np.zeros(5), "w": -np.ones(5)})
+    assert [report.bound for report in reports] == bounds
+    assert [report.ok for report in reports] == [True, False]

@@ -1,0 +1,128 @@
+"""The end-point Jacobian: three ways that agree with each other and with differences; known ranks."""
+
+import numpy as np
+import pytest
+from conftest import PAPER_START, paper_problem
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from nhpocp import so3
+from nhpocp.controls.fourier import Fourier
+from nhpocp.flow.end_point_map import DifferentiatedEndPointMap, VariationalEndPointMap
+from nhpocp.flow.integrators import CasadiRungeKutta, Cvodes, RungeKutta4
+from nhpocp.systems.numeric import NumericSystem
+from nhpocp.systems.three_upu import ThreeUPU
+
+WAYS = {
+    "rk4": (DifferentiatedEndPointMap, RungeKutta4(400)),
+    "casadi rk": (DifferentiatedEndPointMap, CasadiRungeKutta(steps=400)),
+    "cvodes": (DifferentiatedEndPointMap, Cvodes(steps=2)),
+    "variational": (VariationalEndPointMap, RungeKutta4(400)),
+    "variational cvodes": (VariationalEndPointMap, Cvodes(steps=2)),
+}
+
+
+def made(way, system, basis, start, horizon=1.0):
+    factory, integrator = WAYS[way]
+    return factory(system, basis, horizon, start, integrator)
+
+
+def relative(jacobian, reference):
+    return np.abs(jacobian - reference).max() / np.abs(reference).max()
+
+
+def differences(system, basis, start, coefficients, step=2e-4):
+    """Central differences in the state space's own tangent numbers, Richardson-extrapolated."""
+    flow, space = RungeKutta4(400).flow(NumericSystem(system).rate_function, basis, 1.0), system.state_space
+
+    def central(size):
+        columns = []
+        for index in np.ndindex(*coefficients.shape):
+            change = np.zeros(coefficients.shape)
+            change[index] = size
+            ahead, behind = flow.end(start, coefficients + change), flow.end(start, coefficients - change)
+            columns.append(space.difference(ahead, behind) / (2 * size))
+        return np.array(columns).T
+
+    return (4 * central(step) - central(2 * step)) / 3
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_paper_start(way, problem):
+    end = made(way, problem.system, problem.basis, problem.start_point)(PAPER_START)
+    np.testing.assert_allclose(end.state[:3], [0.712869, 0.535277, 34.976485], atol=6e-7)
+    assert end.jacobian.shape == (6, 15)
+
+
+def geometries():
+    return st.builds(
+        lambda a, b, tilt, axis, joint: ThreeUPU(a, b, tilt, axis, joint),
+        st.floats(20, 40),
+        st.floats(8, 18),
+        st.floats(1.0, np.pi / 2),
+        st.sampled_from(["radial", "normal"]),
+        st.sampled_from(["veselova"]),
+    )
+
+
+@settings(max_examples=5, deadline=None)
+@given(
+    system=geometries(),
+    pose=st.tuples(
+        *[st.floats(-2, 2)] * 2, st.floats(22, 32), *[st.floats(-0.2, 0.2)] * 2, st.floats(-1.5, -0.3)
+    ),
+    seed=st.integers(0, 1000),
+    harmonics=st.sampled_from([0, 1, 3]),
+)
+def test_all_ways_agree_and_match_differences(system, pose, seed, harmonics):
+    """1e-7 between the ways, 1e-6 against differences; from 3 parameters to 21, more and fewer than the 12 outputs."""
+    basis = Fourier(harmonics)
+    start = system.state_space.pack(
+        {"position": np.array(pose[:3]), "orientation": so3.from_rpy(np.array(pose[3:]))}
+    )
+    coefficients = np.random.default_rng(seed).normal(0, 0.3, (3, basis.size))
+    found = made("rk4", system, basis, start)(coefficients)
+    if not np.isfinite(found.jacobian).all() or np.abs(found.jacobian).max() > 1e3:
+        return  # a path into det S = 0: nothing to compare
+    for way in list(WAYS)[1:]:
+        assert relative(made(way, system, basis, start)(coefficients).jacobian, found.jacobian) < 1e-7, way
+    assert relative(found.jacobian, differences(system, basis, start, coefficients)) < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("coefficients", "rank"),
+    [(np.zeros((3, 5)), 3), (np.eye(3, 5, -2), 5), (PAPER_START, 6)],
+    ids=["zero", "only lambda_30 = 1", "the paper's"],
+)
+def test_ranks(coefficients, rank, problem):
+    """[physics §1]: 3 at Λ = 0, 5 with a constant turn only, 6 at the paper's start."""
+    end = made("rk4", problem.system, problem.basis, problem.start_point)(coefficients)
+    assert np.linalg.matrix_rank(end.jacobian, tol=1e-8 * np.linalg.norm(end.jacobian)) == rank
+
+
+def test_gram_matrix_is_the_limit_of_the_discrete_one(problem):
+    """D of (14) is ∫ Φ B Bᵀ Φᵀ: over a Fourier basis, J Gram⁻¹ Jᵀ tends to it as harmonics grow."""
+    variational = VariationalEndPointMap(
+        problem.system, problem.basis, 1.0, problem.start_point, RungeKutta4(400)
+    )
+    exact = variational.gram(PAPER_START)
+    np.testing.assert_allclose(exact, exact.T, atol=1e-9)
+    errors = []
+    for harmonics in (2, 8, 32):
+        basis = Fourier(harmonics)
+        padded = np.pad(PAPER_START, ((0, 0), (0, basis.size - 5)))
+        jacobian = made("rk4", problem.system, basis, problem.start_point)(padded).jacobian
+        inner = jacobian @ np.kron(np.eye(3), np.linalg.inv(basis.gram(1.0))) @ jacobian.T
+        assert np.linalg.eigvalsh(exact - inner).min() > -1e-6  # a subspace never gains
+        errors.append(np.linalg.norm(exact - inner) / np.linalg.norm(exact))
+    assert errors[2] < errors[1] < errors[0]
+    assert errors[2] < 5e-3
+
+
+def test_time_scaling_of_the_jacobian():
+    """v(t)/T over [0, T] ends where v over [0, 1] does."""
+    problem = paper_problem()
+    slow = made("rk4", problem.system, problem.basis, problem.start_point, horizon=2.5)(PAPER_START / 2.5)
+    fast = made("rk4", problem.system, problem.basis, problem.start_point)(PAPER_START)
+    np.testing.assert_allclose(slow.state, fast.state, atol=1e-9)
+    np.testing.assert_allclose(slow.jacobian, 2.5 * fast.jacobian, atol=1e-8)

@@ -1,0 +1,396 @@
+"""Pictures of solutions: what is drawn is what was computed, for good, failed and partial solutions."""
+
+from __future__ import annotations
+
+import struct
+import warnings
+import xml.etree.ElementTree as ElementTree
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from nhpocp import so3
+from nhpocp.controls.control import Control
+from nhpocp.controls.fourier import Fourier
+from nhpocp.problem import PlanningProblem
+from nhpocp.solution import Crossing, Outcome, Solution, Verdict
+from nhpocp.state_space import StateSpace, rotation, scalar, vector
+from nhpocp.systems.numeric import NumericSystem
+from nhpocp.systems.system import System
+from nhpocp.systems.three_upu import ThreeUPU
+from nhpocp.views import plots
+from nhpocp.views.figures import FIGURES, write_pictures
+from nhpocp.views.style import DOTS_PER_INCH, PANEL, symbol
+
+FINAL = [  # physics, section 2: the preset `default` after (17) with gamma = 0.1
+    [0.03936, 0.62835, 0.79417, -0.56243, -0.29366],
+    [-0.01976, 0.4729, -0.90043, -0.81548, 0.09843],
+    [0.97118, -0.12044, 1.01225, 0.00946, -0.21296],
+]
+FIRST = [[0, 0.5, 0, 0, 0], [0, 0.5, 0, 0, 0], [1, 0, 0.5, 0, 0]]  # [Paper] section 4
+
+
+class Unicycle(System):
+    """A toy without legs, margins or drawing."""
+
+    model = "toy"
+    state_space = StateSpace([scalar("x", "length"), scalar("y", "length"), scalar("theta", "angle")])
+    input_space = StateSpace([scalar("v"), scalar("w")])
+
+    def vector_fields(self, state: Any) -> Any:
+        import casadi as ca
+
+        return ca.vertcat(ca.horzcat(ca.cos(state[2]), 0), ca.horzcat(ca.sin(state[2]), 0), ca.horzcat(0, 1))
+
+
+class Spinner(System):
+    """A toy whose state is one rotation: about z, at the speed of its input."""
+
+    model = "spinner"
+    state_space = StateSpace([rotation("orientation")])
+    input_space = StateSpace([vector("u", 1)])
+
+    def vector_fields(self, state: Any) -> Any:
+        import casadi as ca
+
+        return ca.DM([0, 0, 1])
+
+
+def solved(problem: PlanningProblem, coefficients: Any, **changes: Any) -> Solution:
+    """A Solution without a solver: SciPy's integration of a control."""
+    control = Control(problem.basis, coefficients, 1.0)
+    numeric = NumericSystem(problem.system)
+    times = np.linspace(0, 1, problem.samples)
+
+    def rate(time: float, state: Any) -> Any:
+        return numeric.rate_function(state, control(np.array([time]))[0]).full().ravel()
+
+    states = solve_ivp(rate, (0, 1), problem.start_point, t_eval=times, rtol=1e-8, atol=1e-10).y.T
+    values: dict[str, Any] = {
+        "problem": problem,
+        "solver": "jacobian",
+        "settings": {"gamma": 0.1},
+        "tolerance": 1e-3,
+        "outcome": Outcome.CONVERGED,
+        "message": "",
+        "final_error": 9.1e-4,
+        "control": control,
+        "trajectory": {"t": times, **numeric.trajectory(states, control(times), problem.scale)},
+        "iterations": [{"k": k, "error": 1.3377 * 0.9**k} for k in range(70)],
+        "evaluations": 70,
+    }
+    return Solution(**{**values, **changes})
+
+
+def task(system: ThreeUPU) -> PlanningProblem:
+    start = {"position": [0, 0, 25], "orientation": so3.from_rpy([0, 0, -np.pi / 6])}
+    goal = {"position": [-0.4, -0.2, 35], "orientation": so3.from_rpy([0, 0, -np.pi / 2])}
+    return PlanningProblem(system=system, start=start, goal=goal)
+
+
+@cache
+def good() -> Solution:
+    return solved(task(ThreeUPU.preset("default")), FINAL)
+
+
+@cache
+def crossing() -> Solution:
+    """The conjectured robot under the paper's first control: it crosses det W = 0, see physics, section 2."""
+    return solved(task(ThreeUPU.preset("paper_conjecture")), FIRST)
+
+
+@cache
+def failed() -> Solution:
+    """Overflowed at 40 % of the horizon, after twelve iterations that grew."""
+    trajectory = {}
+    for name, values in good().trajectory.items():
+        values = np.array(values, dtype=float)
+        if name != "t":
+            values[81:] = np.nan
+        trajectory[name] = values
+    records = [{"k": k, "error": 1.3377 * 1.4**k} for k in range(12)] + [{"k": 12, "error": None}]
+    return replace(
+        good(), trajectory=trajectory, iterations=records, outcome=Outcome.NOT_FINITE, final_error=np.nan
+    )
+
+
+@cache
+def hopeless() -> Solution:
+    """Nothing finite but the time, and nothing recorded."""
+    trajectory = {name: np.full_like(values, np.nan) for name, values in good().trajectory.items()}
+    trajectory["t"] = good().trajectory["t"]
+    return replace(good(), trajectory=trajectory, iterations=[], outcome=Outcome.SOLVER_ERROR)
+
+
+@cache
+def single() -> Solution:
+    return replace(
+        good(), iterations=[{"k": 0, "error": 1.3377}], outcome=Outcome.RANK_DEFICIENT, final_error=1.3377
+    )
+
+
+@cache
+def toy() -> Solution:
+    problem = PlanningProblem(
+        system=Unicycle(), start={"x": 0, "y": 0, "theta": 0}, goal={"x": 0, "y": 1, "theta": 0}
+    )
+    return solved(problem, [[0, 2, 3, 0, 1], [0, 1, 0, 2, 0]])
+
+
+@cache
+def spinner() -> Solution:
+    """Turns from I to Rz(4) with the goal I: passes a half turn."""
+    problem = PlanningProblem(
+        system=Spinner(), start={"orientation": np.eye(3)}, goal={"orientation": np.eye(3)}
+    )
+    return solved(problem, [[4, 0, 0, 0, 0]])
+
+
+CASES = [good, crossing, failed, hopeless, single, toy, spinner]
+
+
+def lines_of(axes: Any) -> dict[str, Any]:
+    return {line.get_label(): line for line in axes.get_lines() if not line.get_label().startswith("_")}
+
+
+def words_of(figure: Any) -> str:
+    texts = [text.get_text() for text in figure.texts]
+    title = figure.get_suptitle()
+    legends = [
+        text.get_text() for axes in figure.axes if axes.get_legend() for text in axes.get_legend().get_texts()
+    ]
+    return " ".join([title, *texts, *legends]).replace("\n", " ")
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case.__name__)
+def test_every_picture_of_every_kind_of_solution(case: Any, tmp_path: Path) -> None:
+    solution = case()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        files = write_pictures(solution, tmp_path / "pictures")
+    assert [file.name for file in files] == [f"{name}.{kind}" for name in FIGURES for kind in ("svg", "png")]
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["pictures"]
+    for file in files:
+        if file.suffix == ".svg":
+            assert ElementTree.parse(file).getroot().tag.endswith("svg")
+        else:
+            assert file.read_bytes().startswith(b"\x89PNG")
+            assert file.stat().st_size > 2000
+
+
+def test_only_what_is_asked_for(tmp_path: Path) -> None:
+    files = write_pictures(good(), tmp_path, formats=("pdf",), names=["margins"])
+    assert [file.name for file in files] == ["margins.pdf"]
+    assert files[0].read_bytes().startswith(b"%PDF")
+
+
+def test_png_size_and_layout_are_fixed(tmp_path: Path) -> None:
+    (file,) = write_pictures(good(), tmp_path, formats=("png",), names=["controls"])
+    width, height = struct.unpack(">II", file.read_bytes()[16:24])
+    assert (width, height) == (round(2 * PANEL[0] * DOTS_PER_INCH), round(PANEL[1] * DOTS_PER_INCH))
+
+
+def test_pictures_are_reproducible_to_the_byte(tmp_path: Path) -> None:
+    kinds = ("svg", "pdf", "png")
+    first = write_pictures(good(), tmp_path / "a", formats=kinds)
+    second = write_pictures(good(), tmp_path / "b", formats=kinds)
+    assert [file.read_bytes() for file in first] == [file.read_bytes() for file in second]
+
+
+def test_drawing_leaves_no_trace_in_matplotlib(tmp_path: Path) -> None:
+    from matplotlib import rcParams
+
+    before = dict(rcParams)
+    write_pictures(good(), tmp_path, names=["controls"])
+    assert dict(rcParams) == before
+
+
+def test_controls_show_the_trajectory() -> None:
+    left, right = FIGURES["controls"](good()).axes
+    trajectory = good().trajectory
+    for i in range(3):
+        np.testing.assert_array_equal(
+            lines_of(left)[f"$v_{{{i + 1}}}$"].get_xydata(), np.c_[trajectory["t"], trajectory["v"][:, i]]
+        )
+        np.testing.assert_array_equal(
+            lines_of(right)[f"$l_{{{i + 1}}}$"].get_ydata(), trajectory["leg_lengths"][:, i]
+        )
+    assert right.get_ylabel().endswith("[length]")
+
+
+def test_relative_pose_is_the_error_of_the_paper() -> None:
+    left, right = FIGURES["relative_pose"](good()).axes
+    trajectory, goal = good().trajectory, good().problem.goal
+    for i, name in enumerate(["$e_{p,{1}}$", "$e_{p,{2}}$", "$e_{p,{3}}$"]):
+        drawn = lines_of(left)[name].get_ydata()
+        np.testing.assert_array_equal(drawn, trajectory["position"][:, i] - goal["position"][i])
+    drawn = np.array([lines_of(right)[f"$r_{i}$"].get_ydata() for i in (1, 2, 3)]).T
+    for k in (0, 77, 200):
+        turned = so3.exp(drawn[k]) @ goal["orientation"]
+        np.testing.assert_allclose(turned, trajectory["orientation"][k], atol=1e-8)
+
+
+def test_a_half_turn_is_marked_and_not_bridged() -> None:
+    (axes,) = FIGURES["relative_pose"](spinner()).axes
+    lines = lines_of(axes)
+    mark = lines["half turn: no unique axis"].get_xdata()[0]
+    assert mark == pytest.approx(np.pi / 4, abs=1e-2)
+    drawn = lines["$r_3$"].get_ydata()
+    assert np.isnan(drawn).any()
+    assert np.nanmax(np.abs(np.diff(drawn))) < 0.1
+
+
+def test_half_turn_exactly_at_a_sample_is_undefined() -> None:
+    trajectory = {"t": np.array([0.0, 1.0]), "orientation": np.array([np.diag([-1.0, -1.0, 1.0]), np.eye(3)])}
+    solution = replace(spinner(), trajectory=trajectory)
+    block = solution.problem.system.state_space.blocks[0]
+    assert np.isnan(plots.relative_values(solution, block)).tolist() == [[True] * 3, [False] * 3]
+
+
+def test_convergence_shows_records_theory_and_tolerance() -> None:
+    (axes,) = FIGURES["convergence"](good()).axes
+    lines, ks = lines_of(axes), np.arange(70)
+    np.testing.assert_array_equal(
+        lines[r"error $\mathcal{E}$"].get_ydata(), [r["error"] for r in good().iterations]
+    )
+    np.testing.assert_allclose(
+        lines[r"$\mathcal{E}(0)\,e^{-\gamma\theta}$"].get_ydata(), 1.3377 * np.exp(-0.1 * ks)
+    )
+    np.testing.assert_allclose(
+        lines[r"$\mathcal{E}(0)\,(1-\gamma)^k$"].get_ydata(), 1.3377 * 0.9**ks, rtol=1e-12
+    )
+    assert lines["tolerance 0.001"].get_ydata()[0] == good().tolerance
+    assert axes.get_yscale() == "log"
+
+
+@pytest.mark.parametrize("gamma", [1.0, 0.5])
+def test_convergence_with_steps_of_their_own(gamma: float) -> None:
+    records = [
+        {"k": 0, "error": 1.0},
+        {"k": 1, "error": 0.4, "gamma": gamma},
+        {"k": 2, "error": 0.3, "gamma": 0.2},
+    ]
+    theta, log_product = plots.step_sums(replace(good(), iterations=records)) or (None, None)
+    np.testing.assert_allclose(theta, [0, gamma, gamma + 0.2])
+    np.testing.assert_allclose(np.exp(log_product), [1, 1 - gamma, (1 - gamma) * 0.8], atol=1e-12)
+
+
+def test_other_solvers_have_no_theory_of_decay() -> None:
+    (axes,) = FIGURES["convergence"](replace(good(), solver="nlp", settings={})).axes
+    assert not any("gamma" in name for name in lines_of(axes))
+
+
+def test_a_failed_run_says_how_it_ended() -> None:
+    assert "not finite" in words_of(FIGURES["convergence"](failed()))
+    assert "rank deficient" in words_of(FIGURES["convergence"](single()))
+    assert "recorded no error" in words_of(FIGURES["convergence"](hopeless()))
+
+
+@pytest.mark.parametrize("name", ["controls", "relative_pose", "margins", "robot"])
+def test_a_path_is_cut_at_the_first_nan_and_says_so(name: str) -> None:
+    figure = FIGURES[name](failed())
+    assert "not finite after t = 0.4" in words_of(figure)
+    if name != "robot":
+        ends = [len(line.get_xdata()) for axes in figure.axes for line in lines_of(axes).values()]
+        assert set(ends) == {81}
+    assert "No finite sample" in words_of(FIGURES[name](hopeless()))
+
+
+def test_what_overflowed_without_nan_is_cut_too() -> None:
+    position = np.array(good().trajectory["position"])
+    position[150:] = 1e200
+    solution = replace(good(), trajectory={**good().trajectory, "position": position})
+    assert plots.path_of(solution).samples == 150
+
+
+def test_margins_show_singular_values_and_crossings() -> None:
+    (axes,) = FIGURES["margins"](good()).axes
+    drawn = lines_of(axes)[r"$\sigma_{\min}(W)$"].get_ydata()
+    np.testing.assert_array_equal(drawn, good().trajectory["sigma_w"])
+    assert "singularity" not in words_of(FIGURES["margins"](good()))
+
+    times = plots.crossing_times(crossing())["det_w"]
+    assert times
+    assert "Parallel singularity" in words_of(FIGURES["margins"](crossing()))
+    told = Verdict(None, True, "test", crossings=[Crossing("det_w", 0.5395, {}, True)])
+    figure = FIGURES["margins"](replace(crossing(), verdict=told))
+    assert "t = 0.539" in words_of(figure) or "t = 0.540" in words_of(figure)
+    assert lines_of(figure.axes[0])[r"$\det\,W = 0$"].get_xdata()[0] == 0.5395
+
+
+def test_the_robot_is_drawn_where_it_is_and_at_one_scale() -> None:
+    figure = FIGURES["robot"](good())
+    assert len(figure.axes) == 3
+    trajectory, system = good().trajectory, good().problem.system
+    for axes, k in zip(figure.axes, (0, 100, 200), strict=True):
+        state = system.state_space.pack({name: trajectory[name][k] for name in system.state_space.names})
+        leg = system.drawing(state)["lines"]["leg 2"]
+        drawn = [np.array(line.get_data_3d()).T for line in axes.get_lines()]
+        assert any(line.shape == leg.shape and np.allclose(line, leg) for line in drawn)
+        assert any(np.array_equal(line, trajectory["position"]) for line in drawn)
+        ranges = np.diff([axes.get_xlim3d(), axes.get_ylim3d(), axes.get_zlim3d()], axis=1).ravel()
+        box = axes.get_box_aspect() if hasattr(axes, "get_box_aspect") else axes._box_aspect
+        scales = np.array(box if box is not None else axes._box_aspect) / ranges
+        np.testing.assert_allclose(scales, scales[0])
+
+
+def test_a_toy_shows_its_states_and_its_path() -> None:
+    left, right = FIGURES["controls"](toy()).axes
+    assert set(lines_of(left)) == {"$v$", "$w$"}
+    assert set(lines_of(right)) == {"$x$", "$y$", r"$\theta$"}
+    assert len(FIGURES["relative_pose"](toy()).axes) == 2  # lengths, and the angle
+
+
+def test_jumps_of_a_control_are_drawn_as_jumps() -> None:
+    class Steps(Fourier):
+        """Two intervals, standing in for a piecewise constant basis."""
+
+        size = 2  # type: ignore[assignment]
+        labels = ("1", "2")  # type: ignore[assignment]
+
+        def breakpoints(self, horizon: float) -> Any:
+            return np.array([0.5 * horizon])
+
+        def table(self, times: Any, horizon: float, side: str = "right") -> Any:
+            times = np.asarray(times)
+            late = times >= 0.5 if side == "right" else times > 0.5
+            return np.c_[~late, late].astype(float)
+
+    solution = replace(toy(), control=Control(Steps(), [[1, 3], [2, -1]]))
+    times = solution.trajectory["t"]
+    values = solution.control(times)
+    trajectory = {**solution.trajectory, "v": values[:, 0], "w": values[:, 1]}
+    line = lines_of(FIGURES["controls"](replace(solution, trajectory=trajectory)).axes[0])["$v$"]
+    at_jump = line.get_xdata() == 0.5
+    np.testing.assert_array_equal(line.get_ydata()[at_jump], [1, 3])
+    assert (np.diff(line.get_xdata()) >= 0).all()
+
+
+def test_two_solutions_share_axes() -> None:
+    from matplotlib.figure import Figure
+
+    axes = Figure().add_subplot()
+    plots.plot_convergence(axes, good(), "jacobian", references=False)
+    plots.plot_convergence(axes, single(), "other", references=False, color="black")
+    assert sum(name.endswith(r"error $\mathcal{E}$") for name in lines_of(axes)) == 2
+
+
+@pytest.mark.parametrize(
+    ("name", "index", "expected"),
+    [
+        ("v", 0, "$v_{1}$"),
+        ("position", 2, "$p_{3}$"),
+        ("u1", None, "$u_{1}$"),
+        ("theta0_dot", None, r"$\dot{\theta}_{0}$"),
+        ("omega_z", None, r"$\omega_{z}$"),
+        ("x_dot", None, r"$\dot{x}$"),
+        ("hitch_angle", None, "hitch angle"),
+    ],
+)
+def test_symbols(name: str, index: int | None, expected: str) -> None:
+    assert symbol(name, index) == expected

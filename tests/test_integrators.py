@@ -1,0 +1,91 @@
+"""Laws of every integrator: order, agreement, exact derivatives."""
+
+import casadi as ca
+import numpy as np
+import pytest
+from conftest import PAPER_START, paper_problem
+
+from nhpocp.controls.fourier import Fourier
+from nhpocp.flow.integrators import CasadiRungeKutta, Cvodes, RungeKutta4, uniform_grid
+from nhpocp.systems.numeric import NumericSystem
+
+INTEGRATORS = [RungeKutta4(), CasadiRungeKutta(), Cvodes()]
+
+
+@pytest.fixture(params=INTEGRATORS, ids=lambda integrator: integrator.kind)
+def integrator(request):
+    return request.param
+
+
+def rate_of(problem):
+    return NumericSystem(problem.system).rate_function
+
+
+def test_end_is_last_state_and_first_state_is_start(integrator, problem):
+    flow = integrator.flow(rate_of(problem), problem.basis, 1.0)
+    states = flow.states(problem.start_point, PAPER_START)
+    assert states.shape == (len(flow.times), 12)
+    np.testing.assert_array_equal(states[0], problem.start_point)
+    np.testing.assert_allclose(flow.end(problem.start_point, PAPER_START), states[-1], atol=1e-8)
+
+
+def test_integrators_agree(problem):
+    ends = [
+        i.flow(rate_of(problem), problem.basis, 1.0).end(problem.start_point, PAPER_START)
+        for i in INTEGRATORS
+    ]
+    np.testing.assert_allclose(ends[1], ends[0], atol=1e-12)  # the same scheme
+    np.testing.assert_allclose(ends[2], ends[0], atol=1e-7)
+
+
+def test_runge_kutta_has_order_four_and_the_known_errors(problem):
+    """[physics §2]: end-point error at Λ0 with N = 50, 100, 200 steps."""
+    exact = RungeKutta4(1600).flow(rate_of(problem), problem.basis, 1.0).end(problem.start_point, PAPER_START)
+    errors = []
+    for steps in (50, 100, 200):
+        end = (
+            RungeKutta4(steps)
+            .flow(rate_of(problem), problem.basis, 1.0)
+            .end(problem.start_point, PAPER_START)
+        )
+        errors.append(np.abs(end - exact).max())
+    np.testing.assert_allclose(errors, [1.8e-7, 1.2e-8, 7.3e-10], rtol=0.1)
+    orders = np.log2(np.array(errors[:-1]) / errors[1:])
+    np.testing.assert_allclose(orders, 4, atol=0.15)
+
+
+def test_sensitivity_is_the_derivative(integrator, problem):
+    flow = integrator.flow(rate_of(problem), problem.basis, 1.0)
+    states, jacobian = flow.sensitivity(problem.start_point, PAPER_START)
+    np.testing.assert_allclose(states[-1], flow.end(problem.start_point, PAPER_START), atol=1e-9)
+    step = 1e-4
+    for column in (0, 3, 7, 14):
+        change = np.zeros(15)
+        change[column] = step
+        there = flow.end(problem.start_point, PAPER_START + change.reshape(3, 5))
+        back = flow.end(problem.start_point, PAPER_START - change.reshape(3, 5))
+        np.testing.assert_allclose(jacobian[:, column], (there - back) / (2 * step), atol=1e-5)
+
+
+def test_own_chain_equals_casadi_differentiating_the_fold(problem):
+    """The stepwise chain rule against one `ca.jacobian` of the whole folded scheme."""
+    flow = RungeKutta4(40).flow(rate_of(problem), problem.basis, 1.0)
+    vector = ca.MX.sym("lambda", 15)
+    coefficients = ca.reshape(vector, 5, 3).T
+    stages = ca.horzcat(*[coefficients @ flow._stages[:, k, :].T for k in range(40)])
+    end = flow._walk(problem.start_point, flow._h[None, :], stages)[:, -1]
+    whole = ca.Function("whole", [vector], [ca.jacobian(end, vector)])
+    _, own = flow.sensitivity(problem.start_point, PAPER_START)
+    np.testing.assert_allclose(own, np.array(whole(PAPER_START.ravel())), atol=1e-12)
+
+
+def test_forward_sensitivities_are_forced():
+    """casadi#4383: with more parameters than outputs the adjoint would be chosen and could be silently wrong."""
+    problem = paper_problem()
+    assert Cvodes().flow(rate_of(problem), Fourier(5), 1.0)._options["enable_reverse"] is False
+
+
+def test_grid_takes_in_breakpoints_once():
+    np.testing.assert_allclose(
+        uniform_grid(4, [0.3, 0.5 + 1e-14], 1.0), [0, 0.25, 0.3, 0.5, 0.75, 1.0], atol=1e-12
+    )

@@ -1,0 +1,114 @@
+"""A planning problem checks itself and says where it is wrong."""
+
+import numpy as np
+import pytest
+
+from nhpocp import so3
+from nhpocp.controls.fourier import Fourier
+from nhpocp.errors import InvalidProblemError
+from nhpocp.problem import Horizon, PlanningProblem
+from nhpocp.systems.three_upu import ThreeUPU
+
+POSE = {"position": [0, 0, 25], "orientation": so3.from_rpy(np.array([0, 0, -np.pi / 6]))}
+GOAL = {"position": [-0.4, -0.2, 35], "orientation": so3.from_rpy(np.array([0, 0, -np.pi / 2]))}
+
+
+def problem(**changes):
+    return PlanningProblem(**{"system": ThreeUPU(), "start": POSE, "goal": GOAL, **changes})
+
+
+@pytest.mark.parametrize(
+    ("changes", "path", "words"),
+    [
+        ({"start": {"position": [0, 0, 25]}}, "start", "missing: orientation"),
+        ({"start": {**POSE, "speed": 3}}, "start", "unknown: speed"),
+        ({"start": {}}, "start", "missing: position, orientation"),
+        ({"goal": {}}, "goal", "expected some of position, orientation"),
+        ({"goal": {"place": [0, 0, 1]}}, "goal", "unknown: place"),
+        ({"goal": {"position": [0, 0]}}, "goal.position", r"shape \(2,\); expected \(3,\)"),
+        ({"goal": {"orientation": [0, 0, 1]}}, "goal.orientation", r"expected \(3, 3\)"),
+        ({"goal": {"position": [0, np.nan, 0]}}, "goal.position", "expected finite numbers"),
+        ({"start": {**POSE, "position": [0, 0, np.inf]}}, "start.position", "expected finite numbers"),
+        ({"start": {**POSE, "orientation": 1.1 * np.eye(3)}}, "start.orientation", "no rotation matrix"),
+        ({"goal": {"orientation": np.diag([1, 1, -1])}}, "goal.orientation", "no rotation matrix"),
+        ({"objective": "beauty"}, "objective", "none of effort, leg_effort"),
+        ({"error_length": 0.0}, "error_length", "not a length > 0"),
+        ({"error_length": np.nan}, "error_length", "not a length > 0"),
+        ({"length_scale": -1.0}, "length_scale", "not a length > 0"),
+        ({"samples": 1}, "output.samples", "at least 2"),
+        (
+            {"initial": np.zeros((2, 5))},
+            "control.initial",
+            r"2 rows; the system has 3 inputs \(v\[0\], v\[1\], v\[2\]\)",
+        ),
+    ],
+)
+def test_every_misfit_is_named_with_its_path(changes, path, words):
+    with pytest.raises(InvalidProblemError, match=words) as caught:
+        problem(**changes)
+    assert caught.value.path == path
+
+
+def test_coefficients_for_another_basis_are_refused():
+    with pytest.raises(InvalidProblemError, match="5 columns"):
+        problem(initial=np.zeros((3, 4)))
+
+
+@pytest.mark.parametrize(
+    "values", [(0.0,), (-1.0,), (np.nan,), (np.inf,), (1.0, 3.0, 2.0), (1.0, 0.0, 2.0), (1.0, 2.0, 2.0)]
+)
+def test_a_horizon_that_is_no_duration_is_refused(values):
+    with pytest.raises(InvalidProblemError) as caught:
+        Horizon(*values)
+    assert caught.value.path == "horizon"
+
+
+def test_a_free_horizon_has_a_fixed_value_only_if_given():
+    assert not Horizon().free
+    assert Horizon(2.0, 1.0, 3.0).free
+    assert Horizon(2.0, 1.0, 3.0).fixed == 2
+    with pytest.raises(InvalidProblemError, match="initial: 1") as caught:
+        _ = Horizon(None, 1.0, 3.0).fixed
+    assert caught.value.path == "horizon"
+
+
+@pytest.mark.parametrize(
+    ("names", "rows", "weights"),
+    [
+        (("position", "orientation"), [0, 1, 2, 3, 4, 5], [0.1, 0.1, 0.1, 1, 1, 1]),
+        (("orientation", "position"), [0, 1, 2, 3, 4, 5], [0.1, 0.1, 0.1, 1, 1, 1]),
+        (("position",), [0, 1, 2], [0.1, 0.1, 0.1]),
+        (("orientation",), [3, 4, 5], [1, 1, 1]),
+    ],
+)
+def test_free_goal_blocks_have_no_error_rows_and_no_weight(names, rows, weights):
+    found = problem(goal={name: GOAL[name] for name in names}, error_length=10.0)
+    assert found.error_rows.tolist() == rows
+    assert found.error_weights.tolist() == weights
+    space = found.system.state_space
+    goal = space.unpack(found.goal_point)
+    for name in space.names:
+        assert np.allclose(goal[name], GOAL[name] if name in names else POSE[name])
+    difference = space.difference(found.goal_point, found.start_point)
+    assert np.allclose(np.delete(difference, rows), 0)
+
+
+def test_points_are_packed_and_read_only_copies():
+    position = np.array([0.0, 0, 25])
+    found = problem(start={**POSE, "position": position})
+    position[:] = 9
+    assert found.start_point[:3].tolist() == [0, 0, 25]
+    with pytest.raises(ValueError, match="read-only"):
+        found.start["position"][0] = 1
+
+
+def test_scale_is_the_systems_unless_stated():
+    assert problem().scale == pytest.approx(15)
+    assert problem(length_scale=2.0).scale == 2
+
+
+def test_control_uses_the_problems_basis_and_horizon():
+    found = problem(basis=Fourier(1), horizon=Horizon(3.0), initial=np.ones((3, 3)))
+    control = found.control(found.initial)
+    assert (control.basis, control.horizon) == (Fourier(1), 3.0)
+    assert found.control(found.initial, 5.0).horizon == 5
