@@ -245,7 +245,7 @@ def test_w1_leans_towards_the_sphere_centre(case):
 def test_base_axes_exist_where_r_points_at_the_sphere_centre(r):
     r = np.array(r) / np.linalg.norm(r)
     for a in (30 * r, np.zeros(3)):
-        leg = LegPose(a, a + 9.0, 1.0, r, r, r, r, r)
+        leg = LegPose(a, a + 9.0, r, 1.0, r, r, r, r, r)
         matrix = np.column_stack([*leg.base_axes(), r])
         assert np.abs(matrix.T @ matrix - np.eye(3)).max() < 1e-9
         assert np.linalg.det(matrix) == pytest.approx(1)

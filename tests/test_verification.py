@@ -12,7 +12,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from nhpocp import so3
-from nhpocp.arrays import cross, dot
+from nhpocp.arrays import cross
 from nhpocp.constraints import Bound
 from nhpocp.controls.control import Control
 from nhpocp.controls.fourier import Fourier
@@ -162,8 +162,8 @@ class FlippedMoment(ThreeUPU):
     """[Paper] eq. (2) with the sign of J's second term wrong."""
 
     def constraint_row(self, leg, arm):
-        s, _ = super().constraint_row(leg, arm)
-        return s, cross(arm, s) + leg.length * dot(leg.r, leg.g) * leg.h
+        s, j = super().constraint_row(leg, arm)
+        return s, 2 * cross(arm, s) - j
 
 
 class FlippedArm(ThreeUPU):

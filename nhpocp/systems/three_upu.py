@@ -59,6 +59,7 @@ class LegPose:
 
     a: Array  # centre of the sphere
     b: Array  # centre of the universal joint
+    span: Array  # b - a
     length: Array  # l = |b - a|
     g: Array  # (b - a)/l
     r: Array  # roller normal; the base joint cannot turn about it
@@ -233,7 +234,7 @@ class ThreeUPU(System):
             r = xp.array(leg.r)
             if leg.joint == "suslov":
                 r = r[0] * g + r[1] * w3 + r[2] * cross(g, w3)
-            poses.append(LegPose(a, b, length, g, r, w3, w4, cross(w3, w4)))
+            poses.append(LegPose(a, b, b - a, length, g, r, w3, w4, cross(w3, w4)))
         return poses
 
     def actuator_row(self, leg: LegPose, arm: Array) -> tuple[Array, Array]:
@@ -241,27 +242,48 @@ class ThreeUPU(System):
         return leg.g, cross(arm, leg.g)
 
     def constraint_row(self, leg: LegPose, arm: Array) -> tuple[Array, Array]:
-        """Row of S and of J, [Paper] eq. (2): the leg does not turn about r."""
-        moment = cross(leg.h, leg.r)
-        s = moment - dot(leg.g, moment) * leg.g
-        return s, cross(arm, s) - leg.length * dot(leg.r, leg.g) * leg.h
+        """Row of S and of J, [Paper] eq. (2), times `constraint_scale`: the leg does not turn about r.
+
+        With w3 and g left unnormalised the rows are polynomials in the pose (Veselova); (7), blind to the scale of
+        a row, evaluates and differentiates faster than the square roots.
+        """
+        h = cross(cross(leg.span, leg.w4), leg.w4)
+        moment, squared = cross(h, leg.r), dot(leg.span, leg.span)
+        s = squared * moment - dot(leg.span, moment) * leg.span
+        return s, cross(arm, s) - squared * dot(leg.r, leg.span) * h
+
+    def constraint_scale(self, leg: LegPose) -> Array:
+        """l² |(b - a) × w4|, by which `constraint_row` exceeds the rows of eq. (2)."""
+        return leg.length * leg.length * norm(cross(leg.span, leg.w4))
 
     def kinematics(self, state: Array) -> Kinematics:
         """G, K, S, J of [Paper] eq. (1) at a packed pose."""
         xp = namespace(state)
         position = state[self.state_space.point_slice("position")]
         legs = self.leg_poses(state)
-        g, k = zip(*(self.actuator_row(leg, leg.b - position) for leg in legs), strict=True)
-        s, j = zip(*(self.constraint_row(leg, leg.b - position) for leg in legs), strict=True)
-        return Kinematics(xp.rows(g), xp.rows(k), xp.rows(s), xp.rows(j))
+        actuators = [self.actuator_row(leg, leg.b - position) for leg in legs]
+        constraints = [self.constraint_row(leg, leg.b - position) for leg in legs]
+        scales = [self.constraint_scale(leg) for leg in legs]
+        return Kinematics(
+            G=xp.rows([g for g, _ in actuators]),
+            K=xp.rows([k for _, k in actuators]),
+            S=xp.rows([s / scale for (s, _), scale in zip(constraints, scales, strict=True)]),
+            J=xp.rows([j / scale for (_, j), scale in zip(constraints, scales, strict=True)]),
+        )
+
+    def translation(self, state: Array, v: Array) -> Array:
+        """ṗ = S⁻¹ J v, [Paper] eq. (7)."""
+        position = state[self.state_space.point_slice("position")]
+        rows = [self.constraint_row(leg, leg.b - position) for leg in self.leg_poses(state)]
+        right = namespace(state, v).vector([dot(j, v) for _, j in rows])
+        return solve_3x3([s for s, _ in rows], right)
 
     def velocity(self, state: Array, control: Array) -> Array:
-        xp, blocks = namespace(state, control), self.kinematics(state)
+        xp = namespace(state, control)
         if self.form == "feedback":  # [Paper] eq. (7)
-            rows = [blocks.S[i, :].T for i in range(3)]
-            return xp.concatenate([solve_3x3(rows, blocks.J @ control), -control])
+            return xp.concatenate([self.translation(state, control), -control])
         # [Paper] eqs. (3)-(4); det G and det S may vanish here, det W may not
-        return xp.solve(blocks.W, xp.concatenate([control, 0.0 * control]))
+        return xp.solve(self.kinematics(state).W, xp.concatenate([control, 0.0 * control]))
 
     def vector_fields(self, state: Array) -> Array:
         xp = namespace(state)
@@ -271,7 +293,7 @@ class ThreeUPU(System):
     def feedback(self, state: Array, v: Array) -> Array:
         """Leg speeds u = (G S⁻¹ J - K) v, which equals [Paper] eq. (6)."""
         blocks = self.kinematics(state)
-        return blocks.G @ solve_3x3([blocks.S[i, :].T for i in range(3)], blocks.J @ v) - blocks.K @ v
+        return blocks.G @ self.translation(state, v) - blocks.K @ v
 
     def inverse_feedback(self, state: Array, u: Array) -> Array:
         """v = -ω of the motion under leg speeds u; needs det W ≠ 0 only."""
