@@ -7,11 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from typing import Any
 
 import numpy as np
 
-from nhpocp.arrays import Array
+from nhpocp.arrays import Array, namespace
+from nhpocp.objectives import quantity
+from nhpocp.systems.system import System
 
 
 @dataclass(frozen=True)
@@ -27,11 +30,68 @@ class Bound:
         """How far values (k, …) stand outside, same shape; 0 inside."""
         return np.maximum(0.0, np.maximum(np.asarray(self.lower) - values, values - np.asarray(self.upper)))
 
-    def scale(self) -> float:
-        """The bound's own size, against which an excess counts as relative."""
-        limits = np.concatenate([np.ravel(self.lower), np.ravel(self.upper)])
-        sizes = [abs(float(x)) for x in limits if np.isfinite(x)]
-        return max(sizes, default=0.0) or 1.0
+    def relative_excess(self, values: Array) -> Array:
+        """The excess in units of the limit that is passed, each side and component by its own size (1 for 0)."""
+        lower, upper = np.asarray(self.lower, dtype=float), np.asarray(self.upper, dtype=float)
+        with np.errstate(invalid="ignore"):  # an infinite limit is never passed
+            below = np.where(np.isfinite(lower), (lower - values) / _size(lower), 0.0)
+            above = np.where(np.isfinite(upper), (values - upper) / _size(upper), 0.0)
+        return np.maximum(0.0, np.maximum(below, above))
+
+
+def _size(limit: Array) -> Array:
+    return np.where(np.isfinite(limit) & (limit != 0), np.abs(limit), 1.0)
+
+
+def bound_rows(
+    bound: Bound, system: System, state: Array, control: Array, length_scale: float
+) -> list[tuple[str, Any, float, float]]:
+    """A bound as scalar expressions: (name, expression, lower, upper) for every component that has a finite side.
+
+    σ_min(M) ≥ c is stated as M Mᵀ - c² I positive definite: its leading minors, smooth where σ_min is not.
+    """
+    if bound.quantity.startswith("sigma_"):
+        name = bound.quantity.removeprefix("sigma_")
+        matrix = system.regularity(state)[name]
+        scales = system.column_scales(name, length_scale)
+        scaled = namespace(state).block([[matrix[:, i] / scales[i] for i in range(len(scales))]])
+        clearance = float(np.max(bound.lower))
+        if not np.isfinite(clearance):
+            return []
+        return [
+            (bound.label, minor, 0.0, np.inf) for minor in _leading_minors(scaled @ scaled.T, clearance**2)
+        ]
+    value = quantity(system, bound.quantity, state, control)
+    shape = (
+        np.shape(value) if isinstance(value, np.ndarray | float) else tuple(s for s in value.shape if s != 1)
+    )
+    lower, upper = np.broadcast_to(bound.lower, shape), np.broadcast_to(bound.upper, shape)
+    rows = []
+    for index in np.ndindex(*shape):
+        entry = value[index] if shape else value
+        if np.isfinite(lower[index]) or np.isfinite(upper[index]):
+            name = bound.label + "".join(f"[{i}]" for i in index)
+            rows.append((name, entry, float(lower[index]), float(upper[index])))
+    return rows
+
+
+def _leading_minors(matrix: Array, shift: float) -> list[Array]:
+    """Leading principal minors of ``matrix - shift I``, polynomials, positive exactly where it is positive definite.
+
+    Row by row, the determinants of the first k rows over every choice of k columns (Laplace).
+    """
+    size = matrix.shape[0]
+    entry = [[matrix[i, j] - (shift if i == j else 0.0) for j in range(size)] for i in range(size)]
+    minors: dict[tuple[int, ...], Array] = {(): 1.0}
+    for k in range(size):
+        minors = {
+            columns: sum(
+                (-1) ** (k + place) * entry[k][column] * minors[columns[:place] + columns[place + 1 :]]
+                for place, column in enumerate(columns)
+            )
+            for columns in combinations(range(size), k + 1)
+        } | minors
+    return [minors[tuple(range(k + 1))] for k in range(size)]
 
 
 @dataclass(frozen=True)
@@ -55,17 +115,17 @@ class BoundReport:
 def check_bounds(
     bounds: Sequence[Bound], times: Array, trajectory: Mapping[str, Array], relative_tolerance: float = 1e-3
 ) -> list[BoundReport]:
-    """Every bound on every sample; a bound holds if its excess stays below ``relative_tolerance`` of its size."""
+    """Every bound on every sample; a bound holds if no excess is above ``relative_tolerance`` of the limit passed."""
     reports = []
     for bound in bounds:
-        excess = bound.excess(np.asarray(trajectory[bound.quantity]))
-        excess = np.where(np.isnan(excess), np.inf, excess)
-        place = np.unravel_index(int(np.argmax(excess)), excess.shape)
-        worst = float(excess[place])
+        values = np.asarray(trajectory[bound.quantity])
+        relative = np.where(np.isnan(values), np.inf, bound.relative_excess(values))
+        place = np.unravel_index(int(np.argmax(relative)), relative.shape)
+        worst = float(np.where(np.isnan(values), np.inf, bound.excess(values))[place])
         component = tuple(int(i) for i in place[1:])
         reports.append(
             BoundReport(
-                bound, worst, float(times[place[0]]), component, worst <= relative_tolerance * bound.scale()
+                bound, worst, float(times[place[0]]), component, bool(relative[place] <= relative_tolerance)
             )
         )
     return reports

@@ -6,13 +6,14 @@ from time import perf_counter
 
 import numpy as np
 
-from nhpocp.errors import OrientationAtPiError
 from nhpocp.flow.simulation import simulate
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Outcome, Progress, Solution, Solver
 from nhpocp.solvers.interruption import Interruption
 from nhpocp.systems.numeric import NumericSystem
 from nhpocp.verification import verify
+
+ON_THE_SURFACE = 1e-9  # σ_min below which the sign of a determinant is rounding
 
 
 def solve(
@@ -45,7 +46,13 @@ def _refused(problem: PlanningProblem, solver: Solver) -> Solution | None:
         return None
     numeric = NumericSystem(system)
     determinants = numeric.determinants(np.stack([problem.start_point, problem.goal_point]))
-    opposite = [name for name in system.separating() if determinants[name][0] * determinants[name][1] < 0]
+    margins = numeric.margins(np.stack([problem.start_point, problem.goal_point]), problem.scale)
+    opposite = [
+        name
+        for name in system.separating()
+        if determinants[name][0] * determinants[name][1] < 0
+        and margins[f"sigma_{name}"].min() > ON_THE_SURFACE
+    ]
     if not opposite:
         return None
     sentences = [
@@ -63,17 +70,9 @@ def _refused(problem: PlanningProblem, solver: Solver) -> Solution | None:
         tolerance=solver.tolerance,
         outcome=Outcome.OTHER_COMPONENT,
         message=f"{'; '.join(sentences)}. {Outcome.OTHER_COMPONENT.advice}",
-        final_error=_distance(problem),
+        final_error=problem.goal_error(problem.start_point),
+        timing={"build_s": 0.0, "solve_s": 0.0},
         control=control,
         trajectory=motion.trajectory,
         costs=motion.costs,
     )
-
-
-def _distance(problem: PlanningProblem) -> float:
-    """E of the start itself; NaN where an orientation is a half turn away."""
-    try:
-        difference = problem.system.state_space.difference(problem.start_point, problem.goal_point)
-    except OrientationAtPiError:
-        return float("nan")
-    return float(np.linalg.norm(problem.error_weights * difference[problem.error_rows]))

@@ -14,7 +14,7 @@ from nhpocp.constraints import Bound
 from nhpocp.controls.basis import ControlBasis
 from nhpocp.controls.control import Control
 from nhpocp.controls.fourier import Fourier
-from nhpocp.errors import InvalidProblemError
+from nhpocp.errors import InvalidProblemError, OrientationAtPiError
 from nhpocp.state_space import StateSpace
 from nhpocp.systems.system import System
 
@@ -175,6 +175,26 @@ class PlanningProblem:
     def error_weights(self) -> Array:
         """Weight of each fixed tangent number in E."""
         return np.asarray(self.system.state_space.weights(self.error_length))[self.error_rows]
+
+    def goal_difference(self, point: Array) -> Array:
+        """e of [Paper] eq. (8) over the blocks that the goal fixes, unweighted.
+
+        Errors: `OrientationAtPiError` where a fixed rotation is a half turn away.
+        """
+        space = StateSpace([block for block in self.system.state_space.blocks if block.name in self.goal])
+        here = self.system.state_space.unpack(point)
+        return np.asarray(
+            space.difference(space.pack({name: here[name] for name in space.names}), space.pack(self.goal))
+        )
+
+    def goal_error(self, point: Array) -> float:
+        """E at a packed point, [Paper] section 4; NaN where it has none."""
+        if not np.isfinite(point).all():
+            return float("nan")
+        try:
+            return float(np.linalg.norm(self.error_weights * self.goal_difference(point)))
+        except OrientationAtPiError:
+            return float("nan")
 
     @property
     def scale(self) -> float:

@@ -133,6 +133,17 @@ def log(rotation: Array) -> Array:
     return xp.where(far, beyond, xp.where(near, series, xp.atan2(sine, cosine) / sine) * axis)
 
 
+def cayley(c: Array) -> Array:
+    """The rotation with Gibbs vector c = tan(α/2) × axis: rational in c, so cheaper to differentiate than `exp`."""
+    xp, skew = namespace(c), hat(c)
+    return xp.eye(3) + 2 / (1 + dot(c, c)) * (skew + skew @ skew)
+
+
+def cayley_inverse(rotation: Array) -> Array:
+    """The Gibbs vector of R; infinite at a half turn."""
+    return 2 / (1 + rotation[0, 0] + rotation[1, 1] + rotation[2, 2]) * vee(rotation)
+
+
 def from_rpy(angles: Array) -> Array:
     """R = Rz(yaw) Ry(pitch) Rx(roll) of the angles (roll, pitch, yaw) [rad]. [Paper] section 4, RPY."""
     xp = namespace(angles)

@@ -94,6 +94,20 @@ class StateSpace:
         """One column name per number of a packed point."""
         return [label for block in self.blocks for label in block.labels]
 
+    @property
+    def tangent_units(self) -> list[str]:
+        """The unit of each tangent number: length, angle, or none."""
+        return [block.unit for block in self.blocks for _ in range(block.dimension)]
+
+    @property
+    def tangent_labels(self) -> list[str]:
+        """One name per tangent number."""
+        return [
+            block.name if block.kind == "scalar" else f"{block.name}[{i}]"
+            for block in self.blocks
+            for i in range(block.dimension)
+        ]
+
     def tangent_slice(self, name: str) -> slice:
         """Where a block's velocity stands in a tangent vector."""
         return self._tangents[name]
@@ -197,13 +211,34 @@ class StateSpace:
                 parts.append(here[block.name] - there[block.name])
         return xp.concatenate(parts)
 
+    def chart(self, coordinates: Array, origin: Array) -> Array:
+        """The point with local coordinates (dimension,) about an origin: a rational `retract` (`so3.cayley`)."""
+        xp, values = namespace(coordinates, origin), self.unpack(origin)
+        parts = []
+        for block in self.blocks:
+            part = coordinates[self._tangents[block.name]]
+            if block.kind == "rotation":
+                turned = so3.cayley(part) @ values[block.name]
+                parts += [turned[i, :].T for i in range(3)]
+            else:
+                parts.append(origin[self._points[block.name]] + part)
+        return xp.concatenate(parts)
+
+    def coordinates(self, point: Array, origin: Array) -> Array:
+        """The local coordinates of a point about an origin; `chart` undone."""
+        xp = namespace(point, origin)
+        here, there = self.unpack(point), self.unpack(origin)
+        parts = []
+        for block in self.blocks:
+            if block.kind == "rotation":
+                parts.append(so3.cayley_inverse(here[block.name] @ there[block.name].T))
+            else:
+                parts.append(here[block.name] - there[block.name])
+        return xp.concatenate(parts)
+
     def weights(self, error_length: float) -> list[float]:
         """One weight per tangent number: 1/error_length for lengths, 1 for the rest."""
-        return [
-            1.0 / error_length if block.unit == "length" else 1.0
-            for block in self.blocks
-            for _ in range(block.dimension)
-        ]
+        return [1.0 / error_length if unit == "length" else 1.0 for unit in self.tangent_units]
 
     def distance(self, point: Array, origin: Array, error_length: float = 1.0) -> Array:
         """E = √(|Δp/error_length|² + |r|²), [Paper] section 4 with the length made explicit."""

@@ -54,6 +54,21 @@ class Runaway(System):
         return namespace(state).rows([state * state])
 
 
+class Integrators(System):
+    """ẋ = u, ẏ = w: everything about it is linear."""
+
+    model: ClassVar[str] = "integrators"
+    declared: ClassVar[Mapping[str, Parameter]] = {}
+    state_space = StateSpace([scalar("x"), scalar("y")])
+    input_space = StateSpace([scalar("u"), scalar("w")])
+
+    def parameters(self) -> dict[str, Any]:
+        return {}
+
+    def vector_fields(self, state: Any) -> Any:
+        return namespace(state).eye(2)
+
+
 @pytest.fixture
 def problem() -> PlanningProblem:
     return paper_problem()

@@ -27,18 +27,26 @@ def test_bounds_broadcast_over_components():
     assert bound.excess(values).tolist() == [[0, 0, 0], [2, 2, 3]]
 
 
-@pytest.mark.parametrize(
-    ("lower", "upper", "size"),
-    [(-np.inf, 3, 3), (-5, 3, 5), (0, np.inf, 1), (-np.inf, np.inf, 1), ([1, -7, 2], np.inf, 7)],
-)
-def test_scale_is_the_largest_finite_limit_or_one(lower, upper, size):
-    if np.ndim(lower):
-        upper = [upper] * len(lower)
-    assert Bound("b", "q", lower, upper).scale() == size
+@LAW
+@given(lower=st.floats(1, 100), below=st.floats(0.01, 0.9), wider=st.floats(1, 1e9))
+def test_widening_one_side_never_excuses_the_other(lower, below, wider):
+    """A limit is judged by its own size: [36, 1e5] is as strict below as [36, 60]."""
+    values = np.array([[lower * (1 - below)]])
+    for upper in (lower, lower + wider, np.inf):
+        (report,) = check_bounds([Bound("b", "q", lower, upper)], np.array([0.0]), {"q": values})
+        assert not report.ok
+        assert report.worst == pytest.approx(lower * below)
 
 
-def test_scale_takes_a_list_beside_a_number():
-    assert Bound("b", "q", [1, -7, 2], 4.0).scale() == 7
+def test_each_component_is_judged_by_its_own_limit():
+    bound = Bound("b", "q", [-1e5, 27.0], [1e5, 30.0])
+    (report,) = check_bounds([bound], np.array([0.0]), {"q": np.array([[0.0, 25.0]])})
+    assert (report.ok, report.component, report.worst) == (False, (1,), 2.0)
+
+
+def test_a_limit_of_zero_counts_in_its_own_unit():
+    (report,) = check_bounds([Bound("b", "q", 0.0, np.inf)], np.array([0.0]), {"q": np.array([-2e-3])})
+    assert not report.ok
 
 
 def test_the_worst_component_and_time_are_named():

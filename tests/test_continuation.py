@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from conftest import PAPER_START, Runaway, paper_problem, yaw
+from conftest import PAPER_START, Integrators, Runaway, paper_problem, yaw
 
 from nhpocp import planning
 from nhpocp.constraints import Bound
@@ -16,6 +16,7 @@ from nhpocp.solution import Outcome
 from nhpocp.solvers.continuation import Continuation, Euler
 from nhpocp.solvers.generalized_inverses import L2Metric
 from nhpocp.systems.numeric import NumericSystem
+from nhpocp.systems.three_upu import ThreeUPU
 
 FINAL = np.array(  # [physics §2], default preset, γ = .1
     [
@@ -108,9 +109,38 @@ def test_seeded_start_is_reproducible_and_reaches_the_goal():
     assert other.iterations[0]["error"] != first.iterations[0]["error"]
 
 
-def test_full_rank_needs_enough_functions():
-    with pytest.raises(InvalidProblemError, match="no control of full rank"):
-        Continuation().solve(paper_problem(initial=None, basis=Fourier(0)))
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
+def test_units_of_length_do_not_matter(scale):
+    """The robot in millimetres or kilometres, E scaled along: the same number of updates."""
+    robot = ThreeUPU(30 * scale, 15 * scale)
+    task = {
+        "system": robot,
+        "start": {"position": np.array([0, 0, 25]) * scale, "orientation": yaw(-np.pi / 6)},
+        "goal": {"position": np.array([-0.4, -0.2, 35]) * scale, "orientation": yaw(-np.pi / 2)},
+        "error_length": scale,
+    }
+    assert Continuation(step_rule=Euler(0.5)).solve(paper_problem(**task)).evaluations == 12
+    seeded = Continuation(step_rule=Euler(0.5)).solve(paper_problem(**task, initial=None))
+    assert seeded.outcome is Outcome.CONVERGED
+
+
+@pytest.mark.parametrize("error_length", [1e-6, 1e6])
+def test_error_length_weighs_the_error_only(error_length):
+    """It never makes a good Jacobian look singular."""
+    for initial in (PAPER_START, None):
+        solution = Continuation(max_iterations=2).solve(
+            paper_problem(error_length=error_length, initial=initial)
+        )
+        assert solution.outcome is not Outcome.RANK_DEFICIENT
+
+
+def test_a_free_orientation_may_be_anything():
+    """Half a turn away from the start, where an error of orientation would have no direction."""
+    turn = np.zeros((3, 5))
+    turn[2, 0] = np.pi
+    free = paper_problem(goal={"position": [-0.4, -0.2, 35]}, initial=turn)
+    solution = Continuation(max_iterations=0, integrator=RungeKutta4(1000)).solve(free)
+    assert np.isfinite(solution.final_error)
 
 
 # --- endings ------------------------------------------------------------------------------------------------
@@ -155,9 +185,32 @@ def test_ends_stagnated_where_rounding_stops_it(problem):
     assert min(r["error"] for r in solution.iterations) < 1e-12
 
 
-def test_ends_diverged(problem):
-    solution = solved(problem, step_rule=Euler(2.6))
-    assert solution.outcome in (Outcome.DIVERGED, Outcome.SINGULAR_S)
+def test_ends_diverged():
+    """On a linear system Euler multiplies the error by 1 - γ."""
+    linear = PlanningProblem(
+        system=Integrators(), start={"x": 0.0, "y": 0.0}, goal={"x": 1.0, "y": 2.0}, initial=np.zeros((2, 5))
+    )
+    solution = solved(linear, step_rule=Euler(2.6))
+    assert solution.outcome is Outcome.DIVERGED
+    errors = [record["error"] for record in solution.iterations]
+    np.testing.assert_allclose(np.array(errors[1:]) / errors[:-1], 1.6)
+
+
+def test_ends_rank_deficient_when_no_seeded_start_is_good():
+    """Three functions cannot move six numbers."""
+    solution = solved(paper_problem(initial=None, basis=Fourier(0)))
+    assert solution.outcome is Outcome.RANK_DEFICIENT
+    assert "no control of full rank" in solution.message
+
+
+def test_ends_singular_s_where_the_start_is_undefined():
+    """Equal triangles, w4 normal, no yaw: every leg stands along its own w4."""
+    upright = {"position": [0, 0, 25], "orientation": yaw(0.0)}
+    robot = ThreeUPU(10.0, 10.0, np.pi / 2, "normal")
+    for initial in (PAPER_START, None):
+        solution = solved(paper_problem(system=robot, start=upright, initial=initial))
+        assert solution.outcome in (Outcome.SINGULAR_S, Outcome.RANK_DEFICIENT)
+    assert "det S vanishes at the start" in solved(paper_problem(system=robot, start=upright)).message
 
 
 @pytest.mark.parametrize(("coefficients", "rank"), [(np.zeros((3, 5)), 3), (np.eye(3, 5, -2), 5)])
@@ -210,6 +263,13 @@ def test_ends_other_component():
     assert solution.outcome is Outcome.OTHER_COMPONENT
     assert solution.evaluations == 0
     assert "det" in solution.message
+
+
+def test_a_start_on_a_singular_surface_is_no_other_component():
+    """det W is rounding there, of either sign."""
+    flat = {"position": [0, 0, 0], "orientation": yaw(-np.pi / 6)}
+    solution = planning.solve(paper_problem(start=flat), Continuation())
+    assert solution.outcome is not Outcome.OTHER_COMPONENT
 
 
 def test_ends_interrupted_with_what_was_found(problem):

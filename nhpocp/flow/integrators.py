@@ -14,6 +14,7 @@ import numpy as np
 
 from nhpocp.arrays import Array
 from nhpocp.controls.basis import ControlBasis
+from nhpocp.errors import InvalidProblemError
 
 
 class Flow(Protocol):
@@ -35,7 +36,7 @@ class Flow(Protocol):
 
 
 class Integrator(Protocol):
-    """A way to integrate; hashable, so that what it builds can be kept."""
+    """A way to integrate."""
 
     kind: ClassVar[str]
 
@@ -51,12 +52,11 @@ class Integrator(Protocol):
 
 
 def uniform_grid(steps: int, breakpoints: Array, horizon: float) -> Array:
-    """``steps`` equal steps, cut further where a breakpoint falls inside one."""
-    times = np.union1d(np.linspace(0.0, horizon, steps + 1), np.asarray(breakpoints, dtype=float))
-    apart = (
-        np.diff(times, prepend=-np.inf) > 1e-9 * horizon
-    )  # a breakpoint that is a grid point up to rounding
-    return times[apart]
+    """``steps`` equal steps, cut further at the breakpoints; a grid point beside a breakpoint gives way to it."""
+    kept = np.concatenate([[0.0], np.asarray(breakpoints, dtype=float), [horizon]])
+    grid = np.linspace(0.0, horizon, steps + 1)
+    apart = np.abs(grid[:, None] - kept).min(axis=1) > 1e-9 * horizon
+    return np.sort(np.concatenate([kept, grid[apart]]))
 
 
 @dataclass(frozen=True)
@@ -204,6 +204,11 @@ class CasadiFlow:
         horizon: float,
         times: Array,
     ) -> None:
+        if len(basis.breakpoints(horizon)):
+            raise InvalidProblemError(
+                f"{integrator.plugin} integrates smooth controls only; use `integrator: rk4` for a {basis.kind} basis",
+                path="solvers.jacobian.integrator",
+            )
         self.times = np.asarray(times, dtype=float)
         inputs = rate.size1_in(1)
         y, t = ca.SX.sym("y", rate.size1_in(0)), ca.SX.sym("t")

@@ -28,7 +28,10 @@ if TYPE_CHECKING:
 
 # key -> name in the file -> "module:Class"
 AVAILABLE: dict[str, dict[str, str]] = {
-    "control.basis": {"fourier": "nhpocp.controls.fourier:Fourier"},
+    "control.basis": {
+        "fourier": "nhpocp.controls.fourier:Fourier",
+        "piecewise_constant": "nhpocp.controls.piecewise_constant:PiecewiseConstant",
+    },
     "solvers.jacobian.step_rule": {"euler": "nhpocp.solvers.continuation:Euler"},
     "solvers.jacobian.inverse": {"moore_penrose": "nhpocp.solvers.generalized_inverses:MoorePenrose"},
     "solvers.jacobian.metric": {
@@ -44,15 +47,24 @@ AVAILABLE: dict[str, dict[str, str]] = {
         "automatic": "nhpocp.flow.end_point_map:DifferentiatedEndPointMap",
         "variational": "nhpocp.flow.end_point_map:VariationalEndPointMap",
     },
+    "solvers.nlp.shooting": {
+        "multiple": "nhpocp.solvers.transcription:Transcription",
+        "single": "nhpocp.solvers.single_shooting:SingleShooting",
+    },
+    "solvers.nlp.plugin": {
+        "ipopt": "nhpocp.solvers.optimizers:Ipopt",
+        "fatrop": "nhpocp.solvers.optimizers:Fatrop",
+    },
+    "solvers.nlp.initial": {
+        "problem": "nhpocp.solvers.guesses:ProblemGuess",
+        "jacobian": "nhpocp.solvers.guesses:SolverGuess",
+        "straight": "nhpocp.solvers.guesses:StraightGuess",
+    },
 }
 # key -> the values that this version can honour
 HONOURED: dict[str, Sequence[Any]] = {
     "solvers.jacobian.objective": ("none",),
     "solvers.jacobian.starts": (1,),
-}
-SOLVERS = {
-    "jacobian": "nhpocp.solvers.continuation",
-    "nlp": "nhpocp.solvers.multiple_shooting",
 }
 
 
@@ -144,25 +156,27 @@ def control_from_json(data: Mapping[str, Any]) -> Control:
 
 
 def _build_solvers(data: ProblemData) -> dict[str, Any]:
-    """Every solver that this version has: the one place where a missing one is left out."""
-    return {
-        name: build_solver(name, getattr(data.solvers, name), data.solvers.compile)
-        for name, module in SOLVERS.items()
-        if importlib.util.find_spec(module) is not None and name in _BUILDERS
-    }
+    """Both solvers; the NLP's `initial: jacobian` is the file's own Jacobian method."""
+    if data.solvers.compile == "always":  # kernels come with a later version; `auto` promises nothing
+        raise InvalidProblemError(
+            _not_available("compile", "always", ["auto", "never"]), path="solvers.compile"
+        )
+    jacobian = build_solver("jacobian", data.solvers.jacobian)
+    return {"jacobian": jacobian, "nlp": build_solver("nlp", data.solvers.nlp, jacobian)}
 
 
 def build_solver(
-    name: str,
-    data: JacobianSettings | NlpSettings | Mapping[str, Any] | None = None,
-    compile_mode: str = "auto",
+    name: str, data: JacobianSettings | NlpSettings | Mapping[str, Any] | None = None, jacobian: Any = None
 ) -> Any:
-    """A solver object from its settings: a block of the file, validated or plain data; None: the defaults."""
+    """A solver object from its settings: a block of the file, validated or plain data; None: the defaults.
+
+    ``jacobian``: the solver whose solution `initial: jacobian` of the NLP starts from.
+    """
     if name not in _BUILDERS:
         raise InvalidProblemError(_not_available("solver", name, list(_BUILDERS)), path="solvers")
     model, builder = _BUILDERS[name]
     settings = data if isinstance(data, model) else _validated(name, model, data or {})
-    return builder(settings, compile_mode)
+    return builder(settings, jacobian)
 
 
 def _validated(name: str, model: type[Any], data: Any) -> Any:
@@ -178,8 +192,7 @@ def _validated(name: str, model: type[Any], data: Any) -> Any:
         raise InvalidProblemError(issue.message, path=dotted(issue.path)) from None
 
 
-def _build_jacobian(data: JacobianSettings, compile_mode: str) -> Any:
-    # compile_mode: the kernels that it governs come with a later version; until then every value means "never"
+def _build_jacobian(data: JacobianSettings, _: Any) -> Any:
     from nhpocp.solvers.continuation import Continuation
 
     for key, honoured in HONOURED.items():
@@ -191,7 +204,7 @@ def _build_jacobian(data: JacobianSettings, compile_mode: str) -> Any:
         step_rule=_available("solvers.jacobian.step_rule", data.step_rule)(gamma=data.gamma),
         inverse=_available("solvers.jacobian.inverse", data.inverse)(),
         metric=_available("solvers.jacobian.metric", data.metric)(),
-        integrator=integrator() if data.integrator == "cvodes" else integrator(steps=data.steps),
+        integrator=integrator(steps=data.steps),
         sensitivity=_available("solvers.jacobian.sensitivity", data.sensitivity),
         tolerance=data.tolerance,
         max_iterations=data.max_iterations,
@@ -199,8 +212,31 @@ def _build_jacobian(data: JacobianSettings, compile_mode: str) -> Any:
     )
 
 
-_BUILDERS: dict[str, tuple[type[Any], Callable[[Any, str], Any]]] = {
+def _build_nlp(data: NlpSettings, jacobian: Any) -> Any:
+    from nhpocp.solvers.guesses import SolverGuess
+    from nhpocp.solvers.multiple_shooting import MultipleShooting
+
+    if data.plugin == "fatrop" and data.shooting == "single":
+        raise InvalidProblemError("fatrop needs the stages of multiple shooting", path="solvers.nlp.plugin")
+    maker = _available("solvers.nlp.initial", data.initial)
+    transcription: Any = _available("solvers.nlp.shooting", data.shooting)
+    return MultipleShooting(
+        intervals=data.intervals,
+        steps_per_interval=data.steps_per_interval if isinstance(data.steps_per_interval, int) else None,
+        over_basis=data.control == "basis",
+        transcription=transcription,
+        optimizer=_available("solvers.nlp.plugin", data.plugin)(
+            tolerance=data.tolerance, max_iterations=data.max_iterations
+        ),
+        guess=SolverGuess(jacobian or build_solver("jacobian")) if maker is SolverGuess else maker(),
+        starts=data.starts,
+        seed=data.seed,
+    )
+
+
+_BUILDERS: dict[str, tuple[type[Any], Callable[[Any, Any], Any]]] = {
     "jacobian": (JacobianSettings, _build_jacobian),
+    "nlp": (NlpSettings, _build_nlp),
 }
 
 

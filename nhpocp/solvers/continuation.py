@@ -28,13 +28,14 @@ from nhpocp.solvers.generalized_inverses import (
     Metric,
     MoorePenrose,
 )
-from nhpocp.solvers.initial_control import initial_coefficients
+from nhpocp.solvers.initial_control import NoStartError, initial_coefficients
 from nhpocp.solvers.interruption import Interruption
 from nhpocp.systems.numeric import NumericSystem
 
 DIVERGED_ABOVE = (
     1e3  # times (1 + the first error): far outside any workspace measured in the problem's own units
 )
+SINGULAR = {"s": Outcome.SINGULAR_S, "w": Outcome.SINGULAR_W}  # by the name of the regularity matrix
 SINGULAR_BELOW = 0.05  # |det| against its value at the start, before a path that is not finite
 STAGNATION_WINDOW = 50  # iterations
 STAGNATION_SHARE = 0.01  # of the decay that the step sizes promise
@@ -146,18 +147,19 @@ class _Run:
     def solve(self) -> Solution:
         began = perf_counter()
         first = np.zeros((self.problem.system.input_space.size, self.problem.basis.size))
-        try:
-            first = initial_coefficients(self.problem, self.map, self.solver.seed)
-            with Interruption() as self.interruption:
+        with Interruption() as self.interruption:
+            try:
+                first = initial_coefficients(self.problem, self.map, self.solver.seed)
                 outcome, message = self.iterate(first)
-        except KeyboardInterrupt:
-            outcome, message = Outcome.INTERRUPTED, "Stopped by hand"
-        except RuntimeError as error:  # CasADi and SUNDIALS report through RuntimeError
-            outcome = Outcome.SOLVER_ERROR
-            message = f"CasADi failed: {str(error).strip().splitlines()[-1]}"
-        return self.solution(
-            outcome, message, self.here.coefficients if self.here else first, perf_counter() - began
-        )
+            except NoStartError as error:
+                outcome, message = Outcome.RANK_DEFICIENT, f"`initial: auto`: {error.message}"
+            except KeyboardInterrupt:
+                outcome, message = Outcome.INTERRUPTED, "Stopped by hand"
+            except RuntimeError as error:  # CasADi and SUNDIALS report through RuntimeError
+                outcome = Outcome.SOLVER_ERROR
+                message = f"CasADi failed: {str(error).strip().splitlines()[-1]}"
+            seconds = perf_counter() - began
+            return self.solution(outcome, message, self.here.coefficients if self.here else first, seconds)
 
     def iterate(self, first: Array) -> tuple[Outcome, str]:
         """The loop of (17): evaluate, stop or step."""
@@ -251,17 +253,19 @@ class _Run:
         """Least σ of each regularity matrix over the finite part of the path."""
         finite = path[np.isfinite(path).all(axis=1)]
         margins = self.numeric.margins(finite, self.problem.scale)
-        found = {name: np.nanmin(values) for name, values in margins.items() if name.startswith("sigma")}
-        return {name: float(value) for name, value in found.items()}
+        found = {name: v[np.isfinite(v)] for name, v in margins.items() if name.startswith("sigma")}
+        return {name: float(values.min()) if values.size else None for name, values in found.items()}
 
     def sign_change(self, path: Array) -> tuple[Outcome, str] | None:
         """The first change of sign of a determinant that these equations invert, as an ending."""
         for name, values in self.breaking_determinants(path).items():
-            changes = np.flatnonzero(np.sign(values) != np.sign(values[0]))
+            changes = np.flatnonzero(np.sign(values) * np.sign(values[0]) <= 0)
+            if changes.size and changes[0] == 0:
+                return SINGULAR.get(name, Outcome.NOT_FINITE), f"det {name.upper()} vanishes at the start"
             if changes.size:
                 times = self.map.times[changes[0] - 1 : changes[0] + 1]
                 sentence = f"det {name.upper()} changes sign between t = {times[0]:.4g} and {times[1]:.4g}"
-                return Outcome(f"singular_{name}"), sentence
+                return SINGULAR.get(name, Outcome.NOT_FINITE), sentence
         return None
 
     def blow_up(self, path: Array) -> tuple[Outcome, str]:
@@ -276,14 +280,15 @@ class _Run:
                 sentence = (
                     f"det {name.upper()} falls to {share.min():.2g} of its first value at t = {where:.4g}"
                 )
-                return Outcome(f"singular_{name}"), sentence
+                return SINGULAR.get(name, Outcome.NOT_FINITE), sentence
         return self.overflow(path)
 
     def breaking_determinants(self, path: Array) -> dict[str, Array]:
         """The determinants that the system's equations divide by, along the finite part of a path."""
         finite = path[np.isfinite(path).all(axis=1)]
         determinants = self.numeric.determinants(finite)
-        return {name: determinants[name] for name in self.problem.system.breaking()}
+        # undefined counts as zero: a leg along its own w4 axis has no w3
+        return {name: np.nan_to_num(determinants[name], nan=0.0) for name in self.problem.system.breaking()}
 
     def overflow(self, path: Array) -> tuple[Outcome, str]:
         good = int(np.isfinite(path).all(axis=1).sum())

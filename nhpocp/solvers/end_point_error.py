@@ -15,7 +15,7 @@ HALF_TURN_WITHIN = 1e-7  # [rad]; closer to π the axis of the error is noise
 
 
 class EndPointError:
-    """e at one end point, weighted so that its norm is E, with the Jacobian's rows weighted alike.
+    """e at one end point and E, its norm with the problem's weights; e and J dimensionless for the linear algebra.
 
     The rows of J for a rotation are s_T, not the derivative of the logarithm: [Paper] eq. (13) asks s_T = -γ r_T, which
     is parallel to r, so that ṙ = -γ r exactly.
@@ -45,17 +45,20 @@ class EndPointError:
 
     @cached_property
     def vector(self) -> Array:
-        """Weighted e (fixed rows,)."""
-        space = self._problem.system.state_space
-        difference = space.difference(self._end.state, self._problem.goal_point)
-        return self._problem.error_weights * difference[self._problem.error_rows]
+        """e over the fixed rows, lengths divided by the mechanism's own (`PlanningProblem.scale`)."""
+        return self._problem.goal_difference(self._end.state) * self._scales
+
+    @property
+    def _scales(self) -> Array:
+        units = np.array(self._problem.system.state_space.tangent_units)[self._problem.error_rows]
+        return np.where(units == "length", 1.0 / self._problem.scale, 1.0)
 
     @property
     def jacobian(self) -> Array:
-        """Weighted rows of the end point's Jacobian."""
-        return self._problem.error_weights[:, None] * self._end.jacobian[self._problem.error_rows]
+        """Rows of the end point's Jacobian in the same scale: the rank depends on no unit and no error_length."""
+        return self._scales[:, None] * self._end.jacobian[self._problem.error_rows]
 
     @property
     def norm(self) -> float:
         """E(θ), [Paper] section 4."""
-        return float(np.linalg.norm(self.vector))
+        return self._problem.goal_error(self._end.state)

@@ -8,6 +8,7 @@ from nhpocp.arrays import Array
 from nhpocp.errors import InvalidProblemError
 from nhpocp.flow.end_point_map import EndPointMap
 from nhpocp.problem import PlanningProblem
+from nhpocp.solvers.end_point_error import EndPointError
 from nhpocp.systems.numeric import NumericSystem
 
 DRAWS = 100
@@ -15,14 +16,23 @@ SPREAD = 0.5  # standard deviation of a coefficient, times 1/T: the size of the 
 CONDITION_ABOVE = 1e-3  # least over largest singular value of the Jacobian; the paper's start has 3.5e-3
 
 
-def initial_coefficients(problem: PlanningProblem, end_point_map: EndPointMap, seed: int) -> Array:
-    """Λ₀ (inputs × size): the problem's, or for `initial: auto` the first good one of a seeded sequence.
+class NoStartError(InvalidProblemError):
+    """No seeded control moves the end point in every direction."""
 
-    Good: the path is finite and on one side of every singular surface, and the Jacobian's rows have full rank with room
-    to spare. Errors: `InvalidProblemError` if none of `DRAWS` controls is good.
-    """
+
+def initial_coefficients(problem: PlanningProblem, end_point_map: EndPointMap, seed: int) -> Array:
+    """Λ₀ (inputs × size): the problem's, or for `initial: auto` a seeded one."""
     if problem.initial is not None:
         return np.array(problem.initial)
+    return seeded_coefficients(problem, end_point_map, seed)
+
+
+def seeded_coefficients(problem: PlanningProblem, end_point_map: EndPointMap, seed: int) -> Array:
+    """The first good control of a seeded sequence.
+
+    Good: the path is finite and on one side of every singular surface, and the Jacobian's rows have full rank with room
+    to spare. Errors: `NoStartError` if none of `DRAWS` controls is good.
+    """
     random, numeric = np.random.default_rng(seed), NumericSystem(problem.system)
     shape = (problem.system.input_space.size, problem.basis.size)
     for draw in range(DRAWS):
@@ -33,12 +43,12 @@ def initial_coefficients(problem: PlanningProblem, end_point_map: EndPointMap, s
         if not np.isfinite(end.path).all() or not np.isfinite(end.jacobian).all():
             continue
         signs = np.sign(np.array(list(numeric.determinants(end.path).values())))
-        rows = problem.error_weights[:, None] * end.jacobian[problem.error_rows]
+        rows = EndPointError(problem, end).jacobian
         values = np.linalg.svd(rows, compute_uv=False)
         full_rank = values.size == len(rows) and values[-1] > CONDITION_ABOVE * values[0]
         if (not signs.size or (signs == signs[:, :1]).all()) and full_rank:
             return coefficients
-    raise InvalidProblemError(
+    raise NoStartError(
         f"no control of full rank found in {DRAWS} seeded draws; the start may be singular, or the basis too small "
         f"(it has {problem.basis.size} functions per input)",
         path="control.initial",

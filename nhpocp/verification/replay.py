@@ -19,7 +19,6 @@ from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 from nhpocp.arrays import Array
-from nhpocp.controls.basis import Side
 from nhpocp.controls.control import Control
 from nhpocp.state_space import StateSpace
 from nhpocp.systems.numeric import NumericSystem
@@ -29,7 +28,10 @@ METHOD = f"SciPy DOP853, rtol {RTOL:g}, atol {ATOL:g}, between the control's bre
 MOST_STEPS = 20_000  # a smooth path takes 20 to 500
 SHORTEST_STEP = 1e-9  # share of a smooth piece; a path that needs such steps ends there
 
-TimedRate = Callable[[float, Array, Side], Array]  # (t, x, side of a breakpoint) ↦ ẋ
+# Shares of a smooth piece at which basis functions are compared; not multiples of a fraction that a period may have
+PROBES = np.array([0.1137, 0.5291, 0.8713])
+
+Rate = Callable[[float, Array, Array], Array]  # (t, x, u(t)) ↦ ẋ
 
 
 class FastFunction:
@@ -68,6 +70,10 @@ class Path:
         if self._dense is None:
             return np.tile(self.start, (len(times), 1))
         return np.asarray(self._dense(times)).T
+
+    def at(self, time: float) -> Array:
+        """The state (n,) at one time, without the cost of arrays of times."""
+        return self.start if self._dense is None else np.asarray(self._dense(time))
 
 
 @dataclass(frozen=True)
@@ -112,23 +118,31 @@ class Watch:
         return high, None
 
 
-def integrate(
-    rate: TimedRate,
-    start: Array,
-    horizon: float,
-    breakpoints: Array,
-    watch: Watch | None = None,
-) -> Path:
-    """ẋ = rate over [0, horizon]; ends early where it cannot go on, or where ``watch`` meets a zero."""
-    knots = np.unique([0.0, *breakpoints, horizon])
+def inputs_on_piece(control: Control, first: float, last: float) -> Callable[[float], Array]:
+    """t ↦ u(t) between two breakpoints, with the limits from inside at either.
+
+    Where no basis function changes on the piece, which no choice of coefficients can feign, u is evaluated once.
+    """
+    probes = first + PROBES * (last - first)
+    table = control.basis.table(probes, control.horizon)
+    if (table == table[0]).all():
+        constant = control.coefficients @ table[0]
+        return lambda t: constant
+    return lambda t: control(np.array([min(t, last)]), "left" if t >= last else "right")[0]
+
+
+def integrate(rate: Rate, control: Control, start: Array, watch: Watch | None = None) -> Path:
+    """ẋ = rate over the control's horizon; ends early where it cannot go on, or where ``watch`` meets a zero."""
+    knots = np.unique([0.0, *control.breakpoints, control.horizon])
     times: list[float] = [0.0]
     pieces: list[Any] = []
     state, stopped = np.asarray(start, dtype=float), None
     with np.errstate(all="ignore"):  # a step that overflows is rejected and shortened
         for first, last in pairwise(knots):
+            inputs = inputs_on_piece(control, first, last)
 
-            def piecewise(t: float, x: Array, last: float = last) -> Array:
-                return rate(min(t, last), x, "left" if t >= last else "right")
+            def piecewise(t: float, x: Array, inputs: Callable[[float], Array] = inputs) -> Array:
+                return rate(t, x, inputs(t))
 
             if not np.isfinite(
                 piecewise(first, state)
@@ -158,27 +172,20 @@ def integrate(
 def replay(numeric: NumericSystem, control: Control, start: Array) -> Path:
     """The system's own equations ẋ = G(x) u under the control."""
     rate = FastFunction(numeric.rate_function)
-    return integrate(
-        lambda t, x, side: rate(x, control(np.array([t]), side)[0]),
-        start,
-        control.horizon,
-        control.breakpoints,
-        Watch(numeric, start, vanishing=1e-7),  # patient: to stop here is to refute
-    )
+    patient = Watch(numeric, start, vanishing=1e-7)  # to stop here is to refute
+    return integrate(lambda t, x, u: rate(x, u), control, start, patient)
 
 
 def sample(path: Path, control: Control, count: int) -> Samples:
     """``count`` equidistant times over [0, reached], and both sides of every breakpoint."""
-    inside = [t for t in control.breakpoints if 0 < t < path.reached]
-    grid = np.linspace(0.0, path.reached, count)
-    times: list[Array] = []
-    controls: list[Array] = []
-    for first, last in pairwise([0.0, *inside, path.reached]):
-        right = np.concatenate([[first], grid[(grid > first) & (grid < last)]])
-        times += [right, np.array([last])]
-        controls += [control(right), control(np.array([last]), "left")]
-    together = np.concatenate(times)
-    return Samples(together, path(together), np.concatenate(controls))
+    breaks = np.asarray(control.breakpoints, dtype=float)
+    inside = breaks[(breaks > 0) & (breaks < path.reached)]
+    right = np.union1d(np.linspace(0.0, path.reached, count)[:-1], inside)
+    left = np.append(inside, path.reached)
+    together = np.concatenate([left, right])
+    order = np.argsort(together, kind="stable")  # at a breakpoint, from the left first
+    controls = np.concatenate([control(left, "left"), control(right)])
+    return Samples(together[order], path(together[order]), controls[order])
 
 
 def weighted_difference(space: StateSpace, points: Array, origins: Array, error_length: float) -> Array:

@@ -1,0 +1,254 @@
+"""NLP solvers behind CasADi's nlpsol: IPOPT and fatrop. The one place that knows their options and words."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar, Protocol
+
+import casadi as ca
+import numpy as np
+
+from nhpocp.arrays import Array
+from nhpocp.solution import Outcome
+
+# ma27, ma57, ma86 and pardiso are absent from CasADi's wheel, ma97 crashes the interpreter at exit
+LINEAR_SOLVERS = ("mumps", "spral")
+ENDINGS = {
+    "Solve_Succeeded": Outcome.CONVERGED,
+    "Infeasible_Problem_Detected": Outcome.INFEASIBLE,
+    "Restoration_Failed": Outcome.INFEASIBLE,
+    "Maximum_Iterations_Exceeded": Outcome.ITERATION_LIMIT,
+    "Maximum_CpuTime_Exceeded": Outcome.ITERATION_LIMIT,
+    "Search_Direction_Becomes_Too_Small": Outcome.STAGNATED,
+    "Solved_To_Acceptable_Level": Outcome.STAGNATED,
+    "Diverging_Iterates": Outcome.DIVERGED,
+    "Invalid_Number_Detected": Outcome.NOT_FINITE,
+    "User_Requested_Stop": Outcome.INTERRUPTED,
+}
+
+
+class Programme(Protocol):
+    """A nonlinear programme: what a transcription offers an optimizer."""
+
+    size: int
+
+    @property
+    def lower(self) -> Array: ...
+
+    @property
+    def upper(self) -> Array: ...
+
+    @property
+    def functions(self) -> Mapping[str, Any]:
+        """ "nlp" and, where there are any, "grad_f", "jac_g", "hess_lag"."""
+        ...
+
+    @property
+    def structure(self) -> Mapping[str, Any] | None:
+        """Stage sizes; None where the programme has no stages."""
+        ...
+
+
+@dataclass(frozen=True)
+class Optimum:
+    """What an optimizer hands back."""
+
+    x: Array
+    objective: float
+    multipliers: Array  # of the constraints
+    constraints: Array
+    outcome: Outcome  # its claim
+    status: str  # in its own word
+    iterations: list[dict[str, Any]]
+    evaluations: int
+    log: str
+    cut_back: int  # trial steps refused because a function was not a number there
+
+
+Watch = Callable[[int, float], bool]  # (iteration, objective) ↦ whether to stop
+
+
+class Optimizer(Protocol):
+    """A way to solve a `Programme`."""
+
+    kind: ClassVar[str]
+
+    @property
+    def tolerance(self) -> float: ...
+
+    def settings(self) -> dict[str, Any]: ...
+
+    def solve(
+        self, programme: Programme, start: Array, multipliers: Array | None = None, watch: Watch | None = None
+    ) -> Optimum:
+        """From a start, warm if multipliers come with it."""
+        ...
+
+
+@dataclass(frozen=True)
+class Ipopt:
+    """IPOPT with exact derivatives where the programme has them, else a limited-memory Hessian. [Wächter, Biegler]"""
+
+    tolerance: float = 1e-6
+    max_iterations: int = 1000
+    linear_solver: str = "mumps"
+    kind: ClassVar[str] = "ipopt"
+
+    def settings(self) -> dict[str, Any]:
+        return {"plugin": self.kind, "tolerance": self.tolerance, "max_iterations": self.max_iterations}
+
+    def solve(
+        self, programme: Programme, start: Array, multipliers: Array | None = None, watch: Watch | None = None
+    ) -> Optimum:
+        functions: dict[str, Any] = dict(programme.functions)
+        nlp = functions.pop("nlp")
+        with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder) / "ipopt.log"
+            options: dict[str, Any] = {
+                "tol": min(self.tolerance, 1e-6),
+                "constr_viol_tol": min(self.tolerance, 1e-8),
+                "acceptable_iter": 0,  # an acceptable point is no solution
+                "max_iter": self.max_iterations,
+                "linear_solver": self.linear_solver,
+                "print_level": 0,
+                "sb": "yes",
+                "output_file": str(file),
+                "file_print_level": 5,
+            }
+            if "hess_lag" not in functions and not functions.get("exact"):
+                options["hessian_approximation"] = "limited-memory"
+            if multipliers is not None:
+                options.update(warm_start_init_point="yes", mu_init=1e-6, warm_start_bound_push=1e-8)
+            callback = _Callback(programme.size, len(programme.lower), watch) if watch else None
+            plugin: dict[str, Any] = {
+                "print_time": False,
+                "show_eval_warnings": False,
+                "error_on_fail": False,
+                "ipopt": options,
+            }
+            plugin.update({name: functions[name] for name in ("grad_f", "jac_g", "hess_lag") if name in functions})
+            if callback:
+                plugin["iteration_callback"] = callback
+            solver = ca.nlpsol("ipopt", "ipopt", nlp, plugin)
+            found = _call(solver, programme, start, multipliers)
+            log = file.read_text(encoding="utf-8", errors="replace") if file.exists() else ""
+        stats = solver.stats()
+        status = str(stats["return_status"])
+        return _optimum(found, stats, ENDINGS.get(status, Outcome.SOLVER_ERROR), status, log)
+
+
+@dataclass(frozen=True)
+class Fatrop:
+    """fatrop, which exploits the stages; needs a programme that has them. [Vanroye et al. 2023]"""
+
+    tolerance: float = 1e-6
+    max_iterations: int = 1000
+    kind: ClassVar[str] = "fatrop"
+
+    def settings(self) -> dict[str, Any]:
+        return {"plugin": self.kind, "tolerance": self.tolerance, "max_iterations": self.max_iterations}
+
+    def solve(
+        self, programme: Programme, start: Array, multipliers: Array | None = None, watch: Watch | None = None
+    ) -> Optimum:
+        structure = programme.structure
+        if structure is None:
+            raise ValueError("fatrop needs stages; single shooting has none")
+        solver = ca.nlpsol(
+            "fatrop",
+            "fatrop",
+            programme.functions["nlp"],
+            {
+                "structure_detection": "manual",
+                **structure,
+                "equality": [bool(same) for same in programme.lower == programme.upper],
+                "print_time": False,
+                "show_eval_warnings": False,
+                "error_on_fail": False,
+                "fatrop": {
+                    "tol": min(self.tolerance, 1e-8),
+                    "max_iter": self.max_iterations,
+                    "print_level": 0,
+                },
+            },
+        )
+        found = _call(solver, programme, start, None)  # its warm start was slower than its cold one
+        stats = solver.stats()
+        if stats["success"]:
+            outcome = Outcome.CONVERGED
+        elif not np.isfinite(np.array(found["x"])).all():
+            outcome = Outcome.NOT_FINITE
+        elif stats["iter_count"] >= self.max_iterations:
+            outcome = Outcome.ITERATION_LIMIT
+        else:
+            outcome = Outcome.INFEASIBLE
+        status = str(stats.get("unified_return_status", stats["return_status"]))
+        return _optimum(found, stats, outcome, status, "")
+
+
+class _Callback(ca.Callback):
+    """CasADi's iteration callback: asks ``watch`` whether to stop."""
+
+    def __init__(self, size: int, constraints: int, watch: Watch) -> None:
+        ca.Callback.__init__(self)
+        self._sizes = {"x": size, "lam_x": size, "g": constraints, "lam_g": constraints, "f": 1, "lam_p": 0}
+        self._watch, self._count = watch, 0
+        self.construct("watch", {})
+
+    def get_n_in(self) -> int:
+        return ca.nlpsol_n_out()
+
+    def get_n_out(self) -> int:
+        return 1
+
+    def get_name_in(self, i: int) -> str:
+        return ca.nlpsol_out(i)
+
+    def get_sparsity_in(self, i: int) -> ca.Sparsity:
+        return ca.Sparsity.dense(self._sizes[ca.nlpsol_out(i)], 1)
+
+    def eval(self, arguments: Sequence[ca.DM]) -> list[int]:
+        stop = self._watch(self._count, float(arguments[1]))
+        self._count += 1
+        return [int(stop)]
+
+
+def _call(
+    solver: ca.Function, programme: Programme, start: Array, multipliers: Array | None
+) -> dict[str, ca.DM]:
+    warm = {} if multipliers is None else {"lam_g0": multipliers}
+    found: dict[str, ca.DM] = solver(x0=start, lbg=programme.lower, ubg=programme.upper, **warm)
+    return found
+
+
+def _optimum(
+    found: Mapping[str, ca.DM], stats: Mapping[str, Any], outcome: Outcome, status: str, log: str
+) -> Optimum:
+    history = stats.get("iterations") or {}
+    records = []
+    for k in range(len(history.get("obj", []))):
+        records.append(
+            {
+                "k": k,
+                "error": float(history["inf_pr"][k]),
+                "dual_infeasibility": float(history["inf_du"][k]),
+                "objective": float(history["obj"][k]),
+                "barrier": float(history["mu"][k]),
+                "step": float(history["alpha_pr"][k]),
+            }
+        )
+    return Optimum(
+        x=np.array(found["x"]).ravel(),
+        objective=float(found["f"]),
+        multipliers=np.array(found["lam_g"]).ravel(),
+        constraints=np.array(found["g"]).ravel(),
+        outcome=outcome,
+        status=status,
+        iterations=records,
+        evaluations=int(stats.get("n_call_nlp_g", len(records))),
+        log=log,
+        cut_back=log.count("evaluation error"),
+    )

@@ -1,0 +1,83 @@
+"""Direct single shooting: the control alone is unknown, the path is rolled out from the start."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from nhpocp.arrays import Array
+from nhpocp.solvers.transcription import Guess, Row, Transcription
+
+EXACT_HESSIAN_UP_TO = (
+    40  # unknowns: beyond, differentiating the whole roll-out twice costs more than it saves
+)
+
+
+class SingleShooting(Transcription):
+    """The same intervals as multiple shooting, chained: no node states, no continuity constraints."""
+
+    def _shape(self) -> None:
+        interval, N = self.interval, self.intervals
+        self.statics = interval.nodes - interval.dimension
+        self.size = self.statics + N * interval.controls
+        self.outputs = interval.nodes + len(interval.rows)
+        self.terminal = self.problem.error_rows
+        self.rows = self._rows()
+
+    def _rows(self) -> list[Row]:
+        labels, N = self.problem.system.state_space.tangent_labels, self.intervals
+        rows = [
+            Row(name, low, high, (k + share) / N)
+            for k in range(N)
+            for name, low, high, share in self.interval.rows
+        ]
+        return rows + [Row(f"goal of {labels[i]}", 0.0, 0.0, 1.0) for i in self.terminal]
+
+    @cached_property
+    def functions(self) -> dict[str, Any]:
+        """nlp (x ↦ f, g); the derivatives are CasADi's own, through the roll-out."""
+        interval, N, d = self.interval, self.intervals, self.interval.dimension
+        x, p = ca.MX.sym("x", self.size), ca.MX.sym("p", 0)
+        z, statics, cost, rows = ca.MX(ca.DM.zeros(d)), x[: self.statics], ca.MX(0), []
+        parameters = self.parameters
+        for k in range(N):
+            u = x[self.statics + k * interval.controls : self.statics + (k + 1) * interval.controls]
+            share, values = interval.value(ca.vertcat(z, statics, u), parameters[:, k])
+            cost += share
+            z = -values[:d]
+            rows.append(values[interval.nodes :])
+        g = ca.vertcat(*rows, z[self.terminal.tolist()])
+        functions = {"nlp": ca.Function("nlp", [x, p], [cost, g], ["x", "p"], ["f", "g"])}
+        return functions | ({"exact": True} if self.size <= EXACT_HESSIAN_UP_TO else {})
+
+    def pack(self, guess: Guess) -> Array:
+        parts: list[Array] = [guess.control.coefficients.ravel()] if self.basis else []
+        if self.interval.free_horizon:
+            parts.append(np.array([guess.control.horizon]))
+        if not self.basis:
+            N, T = self.intervals, guess.control.horizon
+            parts.append(guess.control((np.arange(N) + 0.5) * T / N).ravel())
+        return np.concatenate(parts)
+
+    def _stages(self, x: Array) -> tuple[Array, Array]:
+        x = np.asarray(x).ravel()
+        statics, controls = x[: self.statics], x[self.statics :].reshape(self.intervals, -1)
+        local, locals_ = np.zeros(self.interval.dimension), []
+        stages = []
+        for k in range(self.intervals):
+            stage = np.concatenate([local, statics, controls[k]])
+            stages.append(stage)
+            locals_.append(local)
+            values = np.array(self.interval.value(stage, self.parameters[:, k])[1]).ravel()
+            local = -values[: self.interval.dimension]
+        return np.array(stages), np.array([*locals_, local])
+
+    @property
+    def structure(self) -> None:
+        return None
+
+    def costates(self, multipliers: Array) -> None:
+        return None

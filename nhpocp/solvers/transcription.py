@@ -1,0 +1,374 @@
+r"""Direct multiple shooting as a sparse NLP with its own derivative functions.
+
+Node k carries local coordinates z_k about a reference pose x̄_k (no redundant rotation entries, no unit-norm constraint)
+and the static variables c (coefficients of a basis, a free horizon), interval k its control u_k. In the order
+s_0, u_0, s_1, u_1, …, s_N with s = (z, c):
+    min Σ q_k    s.t.    z_{k+1} = F_k(s_k, u_k),   c_{k+1} = c_k,   rows_k(s_k, u_k) within bounds,
+    z_0 at the start, z_N at the goal.
+F_k is RK4 in the packed coordinates between the two charts. Value, Jacobian and Hessian of one interval are SX
+functions mapped over the grid; the sparse matrices are filled from their blocks, which leaves CasADi nothing to colour.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from nhpocp.arrays import Array
+from nhpocp.constraints import Bound, bound_rows
+from nhpocp.controls.basis import ControlBasis
+from nhpocp.controls.control import Control
+from nhpocp.controls.piecewise_constant import PiecewiseConstant
+from nhpocp.objectives import INTEGRANDS
+from nhpocp.problem import PlanningProblem
+
+
+@dataclass(frozen=True)
+class Guess:
+    """States (N + 1, size) at the nodes and a control; what an NLP starts from."""
+
+    states: Array
+    control: Control
+
+
+@dataclass(frozen=True)
+class Row:
+    """One scalar constraint: its name for people, its bounds, and the time it is about."""
+
+    name: str
+    lower: float
+    upper: float
+    time: float  # share of the horizon
+
+
+class Interval:
+    """One shooting interval, symbolically: the same for every k, which enters through parameters."""
+
+    def __init__(
+        self,
+        problem: PlanningProblem,
+        basis: ControlBasis | None,
+        steps: int,
+        intervals: int,
+        bounds: Sequence[Bound],
+    ) -> None:
+        system, space = problem.system, problem.system.state_space
+        self.problem, self.basis, self.steps, self.intervals = problem, basis, steps, intervals
+        self.free_horizon = problem.horizon.free
+        d, m = space.dimension, system.input_space.size
+        statics = (m * basis.size if basis else 0) + int(self.free_horizon)
+        self.dimension, self.nodes, self.controls = d, d + statics, 0 if basis else m
+        self.scales = np.array([problem.scale if unit == "length" else 1.0 for unit in space.tangent_units])
+        w = ca.SX.sym("w", self.nodes + self.controls)
+        here, there = ca.SX.sym("here", space.size), ca.SX.sym("there", space.size)
+        tables = ca.SX.sym("phi", basis.size if basis else 0, 2 * steps + 1)
+        horizon = w[self.nodes - 1] if self.free_horizon else problem.horizon.fixed
+        controls = self._stage_controls(w, tables)
+        state = space.chart(self.scales * w[:d], here)
+        points, cost = [(0.0, state, controls[0])], 0.0
+        h = horizon / (intervals * steps)
+        for j in range(steps):
+            state, share = self._step(state, h, controls[2 * j : 2 * j + 3])
+            cost += share
+            points.append(((j + 1) / steps, state, controls[2 * j + 2]))
+        self.rows, expressions = self._path_rows(bounds, points, w[d:])
+        if self.free_horizon:
+            self.rows.append(
+                ("horizon", problem.horizon.minimum or 0.0, problem.horizon.maximum or np.inf, 0.0)
+            )
+            expressions.append(ca.SX(horizon))
+        after = space.coordinates(state, there) / self.scales
+        # continuity as s_{k+1} - F_k = 0, the sign that fatrop asks for
+        outputs = ca.vertcat(-after, -w[d : self.nodes], *expressions)
+        parameters = ca.vertcat(here, there, ca.vec(tables))
+        self._make_functions(w, parameters, outputs, self._cost(w, controls, horizon, cost))
+
+    def _stage_controls(self, w: ca.SX, tables: ca.SX) -> list[ca.SX]:
+        if self.basis is None:
+            return [w[self.nodes :]] * (2 * self.steps + 1)
+        inputs = self.problem.system.input_space.size
+        first = self.dimension
+        coefficients = ca.reshape(w[first : first + inputs * self.basis.size], self.basis.size, inputs).T
+        return [coefficients @ tables[:, j] for j in range(2 * self.steps + 1)]
+
+    def _step(self, state: ca.SX, h: Any, u: Sequence[ca.SX]) -> tuple[ca.SX, Any]:
+        """One RK4 step, and the objective's share by the same quadrature."""
+        system, cost = self.problem.system, self._integrand
+        k1 = system.rate(state, u[0])
+        x2 = state + 0.5 * h * k1
+        k2 = system.rate(x2, u[1])
+        x3 = state + 0.5 * h * k2
+        k3 = system.rate(x3, u[1])
+        x4 = state + h * k3
+        k4 = system.rate(x4, u[2])
+        share = h / 6 * (cost(state, u[0]) + 2 * cost(x2, u[1]) + 2 * cost(x3, u[1]) + cost(x4, u[2]))
+        return state + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4), share
+
+    def _integrand(self, state: ca.SX, control: ca.SX) -> Any:
+        name = self.problem.objective
+        if name in ("effort", "time"):  # exact without quadrature
+            return 0.0
+        return INTEGRANDS[name](self.problem.system, state, control, self.problem.scale)
+
+    def _cost(self, w: ca.SX, controls: Sequence[ca.SX], horizon: Any, quadrature: Any) -> Any:
+        if self.problem.objective == "time":
+            return horizon / self.intervals
+        if self.problem.objective != "effort":
+            return quadrature
+        if self.basis is None:
+            return horizon / self.intervals * ca.sumsqr(w[self.nodes :])
+        inputs, size = self.problem.system.input_space.size, self.basis.size
+        coefficients = w[self.dimension : self.dimension + inputs * size]
+        gram = ca.DM(np.kron(np.eye(inputs), self.basis.gram(1.0)))  # ∫₀ᵀ = T ∫₀¹
+        return horizon / self.intervals * (coefficients.T @ gram @ coefficients)
+
+    def _path_rows(
+        self, bounds: Sequence[Bound], points: Sequence[tuple[float, ca.SX, ca.SX]], chosen: ca.SX
+    ) -> tuple[list[tuple[str, float, float, float]], list[ca.SX]]:
+        """Rows at the end of every step, and at the interval's start where the control makes a quantity jump.
+
+        ``chosen``: the variables that set the control.
+        """
+        rows, expressions = [], []
+        for bound in bounds:
+            for share, state, control in points:
+                found = bound_rows(bound, self.problem.system, state, control, self.problem.scale)
+                for name, expression, lower, upper in found:
+                    if share == 0.0 and not ca.depends_on(ca.SX(expression), chosen):
+                        continue
+                    rows.append((name, lower, upper, share))
+                    expressions.append(expression)
+        return rows, expressions
+
+    def _make_functions(self, w: ca.SX, parameters: ca.SX, outputs: ca.SX, cost: Any) -> None:
+        multipliers, weight = ca.SX.sym("lam", outputs.numel()), ca.SX.sym("sigma")
+        cost = ca.SX(cost)
+        self.value = ca.Function("value", [w, parameters], [cost, ca.densify(outputs)])
+        gradient = ca.densify(ca.gradient(cost, w))
+        self.gradient = ca.Function("gradient", [w, parameters], [cost, gradient])
+        jacobian = ca.densify(ca.jacobian(outputs, w))
+        self.jacobian = ca.Function("jacobian", [w, parameters], [ca.densify(outputs), jacobian])
+        hessian = ca.hessian(weight * cost + ca.dot(multipliers, outputs), w)[0]
+        self.hessian = ca.Function("hessian", [w, parameters, weight, multipliers], [ca.densify(hessian)])
+
+
+class Transcription:
+    """The whole NLP on one grid, about the reference poses of one guess."""
+
+    def __init__(
+        self,
+        problem: PlanningProblem,
+        guess: Guess,
+        basis: ControlBasis | None,
+        intervals: int,
+        steps: int,
+        bounds: Sequence[Bound],
+    ) -> None:
+        self.problem, self.basis, self.intervals, self.steps = problem, basis, intervals, steps
+        self.interval = Interval(problem, basis, steps, intervals, bounds)
+        self.references = self._references(guess)
+        self._shape()
+
+    def _references(self, guess: Guess) -> Array:
+        """x̄_k: the guess's own poses, but the start's and the goal's exactly."""
+        references = np.array(guess.states)
+        references[0] = self.problem.start_point
+        space = self.problem.system.state_space
+        for name, value in self.problem.goal.items():
+            references[-1, space.point_slice(name)] = np.ravel(value)
+        return references
+
+    def _shape(self) -> None:
+        interval, N = self.interval, self.intervals
+        self.stage = interval.nodes + interval.controls
+        self.size = N * self.stage + interval.nodes
+        self.outputs = interval.nodes + len(interval.rows)  # per interval: gaps, then rows
+        self.terminal = self.problem.error_rows
+        self.rows = self._rows()
+
+    @cached_property
+    def parameters(self) -> Array:
+        """p_k as columns."""
+        columns = [self.references[:-1].T, self.references[1:].T]
+        if self.basis:
+            edges = np.linspace(0.0, 1.0, self.intervals + 1)
+            shares = np.linspace(0.0, 1.0, 2 * self.steps + 1)
+            tables = []
+            for low, high in pairwise(edges):
+                times = low + (high - low) * shares
+                table = self.basis.table(times, 1.0)
+                table[-1] = self.basis.table(times[-1:], 1.0, "left")[0]
+                tables.append(table.ravel())
+            columns.append(np.array(tables).T)
+        return np.vstack(columns)
+
+    def _rows(self) -> list[Row]:
+        """Every constraint in order: per interval gaps and rows (the start's after the first), the goal's last."""
+        labels, statics = (
+            self.problem.system.state_space.tangent_labels,
+            self.interval.nodes - self.interval.dimension,
+        )
+        rows, N = [], self.intervals
+        for k in range(N):
+            rows += [Row(f"continuity of {label} at node {k + 1}", 0.0, 0.0, (k + 1) / N) for label in labels]
+            rows += [
+                Row(f"static variable {i} at node {k + 1}", 0.0, 0.0, (k + 1) / N) for i in range(statics)
+            ]
+            rows += [Row(name, low, high, (k + share) / N) for name, low, high, share in self.interval.rows]
+            if k == 0:
+                rows += [Row(f"start of {label}", 0.0, 0.0, 0.0) for label in labels]
+        return rows + [Row(f"goal of {labels[i]}", 0.0, 0.0, 1.0) for i in self.terminal]
+
+    @property
+    def lower(self) -> Array:
+        return np.array([row.lower for row in self.rows])
+
+    @property
+    def upper(self) -> Array:
+        return np.array([row.upper for row in self.rows])
+
+    # --- the sparse functions -----------------------------------------------------------------------------------
+
+    @cached_property
+    def _pattern(self) -> dict[str, Any]:
+        """Triplets of the Jacobian and of the Hessian's upper triangle, and where their values come from."""
+        N, n, stage, outputs, d = (
+            self.intervals,
+            self.interval.nodes,
+            self.stage,
+            self.outputs,
+            self.interval.dimension,
+        )
+        first_rows = np.array(
+            [k * outputs + (d if k > 0 else 0) for k in range(N)]
+        )  # the start's rows follow k = 0
+        r, c = np.meshgrid(np.arange(outputs), np.arange(stage), indexing="ij")
+        rows = [(first_rows[:, None] + r.ravel(order="F")).ravel()]
+        columns = [(stage * np.arange(N)[:, None] + c.ravel(order="F")).ravel()]
+        rows.append((first_rows[:, None] + np.arange(n)).ravel())  # s_{k+1}
+        columns.append((stage * np.arange(1, N + 1)[:, None] + np.arange(n)).ravel())
+        rows.append(outputs + np.arange(d))  # the start
+        columns.append(np.arange(d))
+        rows.append(N * outputs + d + np.arange(len(self.terminal)))  # the goal
+        columns.append(N * stage + self.terminal)
+        sparsity, mapping = ca.Sparsity.triplet(
+            len(self.rows), self.size, np.concatenate(rows).tolist(), np.concatenate(columns).tolist(), False
+        )
+        upper = np.triu_indices(stage)
+        hessian_rows = (stage * np.arange(N)[:, None] + upper[0]).ravel()
+        hessian_columns = (stage * np.arange(N)[:, None] + upper[1]).ravel()
+        hessian, hessian_mapping = ca.Sparsity.triplet(
+            self.size, self.size, hessian_rows.tolist(), hessian_columns.tolist(), False
+        )
+        positions = (upper[1] * stage + upper[0])[None, :] + stage * stage * np.arange(N)[:, None]
+        return {
+            "jacobian": (sparsity, list(mapping)),
+            "hessian": (hessian, positions.ravel()[list(hessian_mapping)].tolist()),
+        }
+
+    @cached_property
+    def functions(self) -> dict[str, Any]:
+        """nlp (x ↦ f, g), grad_f, jac_g, hess_lag with the signatures that CasADi's nlpsol takes."""
+        N, n = self.intervals, self.interval.nodes
+        x, p = ca.MX.sym("x", self.size), ca.MX.sym("p", 0)
+        stages = ca.reshape(x[: N * self.stage], self.stage, N)
+        after = ca.horzcat(stages[:n, 1:], x[N * self.stage :])
+        parameters = ca.DM(self.parameters)
+        interval = self.interval
+        costs, values = interval.value.map(N)(stages, parameters)
+        f, g = ca.sum2(costs), self._constraints(values, after, stages, x)
+        _, gradients = interval.gradient.map(N)(stages, parameters)
+        gradient = ca.vertcat(ca.vec(gradients), ca.DM.zeros(n))
+        values, blocks = interval.jacobian.map(N)(stages, parameters)
+        constants = np.ones(N * n + interval.dimension + len(self.terminal))
+        sparsity, mapping = self._pattern["jacobian"]
+        jacobian = ca.MX(sparsity, ca.vertcat(ca.vec(blocks), ca.DM(constants))[mapping])
+        weight, multipliers = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", len(self.rows))
+        d = interval.dimension
+        mine = ca.vertcat(multipliers[: self.outputs], multipliers[self.outputs + d : N * self.outputs + d])
+        hessians = interval.hessian.map(N)(
+            stages, parameters, ca.repmat(weight, 1, N), ca.reshape(mine, self.outputs, N)
+        )
+        sparsity, mapping = self._pattern["hessian"]
+        hessian = ca.MX(sparsity, ca.vec(hessians)[mapping])
+        g_again = self._constraints(values, after, stages, x)
+        return {
+            "nlp": ca.Function("nlp", [x, p], [f, g], ["x", "p"], ["f", "g"]),
+            "grad_f": ca.Function("nlp_grad_f", [x, p], [f, gradient], ["x", "p"], ["f", "grad_f_x"]),
+            "jac_g": ca.Function("nlp_jac_g", [x, p], [g_again, jacobian], ["x", "p"], ["g", "jac_g_x"]),
+            "hess_lag": ca.Function(
+                "nlp_hess_l", [x, p, weight, multipliers], [hessian], ["x", "p", "lam_f", "lam_g"], ["hess"]
+            ),
+        }
+
+    def _constraints(self, values: ca.MX, after: ca.MX, stages: ca.MX, x: ca.MX) -> ca.MX:
+        n, d = self.interval.nodes, self.interval.dimension
+        gaps = ca.vertcat(values[:n, :] + after, values[n:, :])
+        return ca.vertcat(
+            gaps[:, 0], x[:d], ca.vec(gaps[:, 1:]), x[self.intervals * self.stage + self.terminal]
+        )
+
+    # --- between vectors and plans ------------------------------------------------------------------------------
+
+    def pack(self, guess: Guess) -> Array:
+        """x of a guess whose control is sampled at the intervals' middles, or given over the basis."""
+        space, N, T = self.problem.system.state_space, self.intervals, guess.control.horizon
+        statics: list[float] = list(guess.control.coefficients.ravel()) if self.basis else []
+        if self.interval.free_horizon:
+            statics.append(T)
+        middles = guess.control((np.arange(N) + 0.5) * T / N)
+        parts = []
+        for k in range(N + 1):
+            local = space.coordinates(guess.states[k], self.references[k]) / self.interval.scales
+            parts += [local, statics]
+            if k < N and not self.basis:
+                parts.append(middles[k])
+        return np.concatenate(parts)
+
+    def unpack(self, x: Array) -> Guess:
+        """The node states and the control of a vector x."""
+        space, d = self.problem.system.state_space, self.interval.dimension
+        stages, locals_ = self._stages(x)
+        states = np.array(
+            [space.chart(self.interval.scales * z, o) for z, o in zip(locals_, self.references, strict=True)]
+        )
+        horizon = (
+            float(stages[0, self.interval.nodes - 1])
+            if self.interval.free_horizon
+            else self.problem.horizon.fixed
+        )
+        if self.basis:
+            inputs = self.problem.system.input_space.size
+            coefficients = stages[0, d : d + inputs * self.basis.size].reshape(inputs, self.basis.size)
+            return Guess(states, Control(self.basis, coefficients, horizon))
+        values = stages[:, self.interval.nodes :].T
+        return Guess(states, Control(PiecewiseConstant(self.intervals), values, horizon))
+
+    def _stages(self, x: Array) -> tuple[Array, Array]:
+        """Variables w_k (N, stage) and local coordinates of the nodes (N + 1, dimension) of a vector x."""
+        x, split, d = np.asarray(x).ravel(), self.intervals * self.stage, self.interval.dimension
+        stages = x[:split].reshape(self.intervals, self.stage)
+        return stages, np.vstack([stages[:, :d], x[None, split : split + d]])
+
+    @property
+    def structure(self) -> dict[str, Any] | None:
+        """Stage sizes for solvers that ask for them (fatrop)."""
+        N, rows = self.intervals, len(self.interval.rows)
+        return {
+            "N": N,
+            "nx": [self.interval.nodes] * (N + 1),
+            "nu": [self.interval.controls] * N + [0],
+            "ng": [rows + self.interval.dimension] + [rows] * (N - 1) + [len(self.terminal)],
+        }
+
+    def costates(self, multipliers: Array) -> Array | None:
+        """Multipliers of the continuity constraints (N, dimension), per unit of each tangent number."""
+        d, outputs = self.interval.dimension, self.outputs
+        first = [k * outputs + (d if k > 0 else 0) for k in range(self.intervals)]
+        return np.array([multipliers[i : i + d] for i in first]) / self.interval.scales
