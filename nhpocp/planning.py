@@ -6,6 +6,8 @@ from time import perf_counter
 
 import numpy as np
 
+from nhpocp.arrays import Array
+from nhpocp.constraints import check_bounds
 from nhpocp.flow.simulation import simulate
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Outcome, Progress, Solution, Solver
@@ -21,7 +23,8 @@ def solve(
 ) -> Solution:
     """A verified Solution of a problem by ``solver``; by default the problem's own Jacobian method.
 
-    A goal on the other side of a singular surface is recognised before the solver starts. Errors: `NhpocpError` for a
+    A goal beyond a singular surface, or one that breaks a bound itself, is recognised before the solver starts.
+    Errors: `NhpocpError` for a
     problem that the solver cannot take; everything that happens while solving is an outcome of the Solution.
     """
     if solver is None:
@@ -40,39 +43,65 @@ def _default_solver() -> Solver:
 
 
 def _refused(problem: PlanningProblem, solver: Solver) -> Solution | None:
-    """The ending of a goal that no path of this machine reaches, before anything is solved."""
-    space, system = problem.system.state_space, problem.system
-    if set(problem.goal) != set(space.names):
+    """The ending of a task that no path of this machine performs, recognised from its two ends alone."""
+    if set(problem.goal) != set(problem.system.state_space.names):
         return None
-    numeric = NumericSystem(system)
-    determinants = numeric.determinants(np.stack([problem.start_point, problem.goal_point]))
-    margins = numeric.margins(np.stack([problem.start_point, problem.goal_point]), problem.scale)
-    opposite = [
-        name
-        for name in system.separating()
-        if determinants[name][0] * determinants[name][1] < 0
-        and margins[f"sigma_{name}"].min() > ON_THE_SURFACE
-    ]
-    if not opposite:
-        return None
-    sentences = [
-        f"det {name.upper()} is {determinants[name][0]:.3g} at the start and {determinants[name][1]:.3g} at the goal"
-        for name in opposite
-    ]
-    control = problem.control(
-        np.zeros((system.input_space.size, problem.basis.size)), problem.horizon.initial or 1.0
+    numeric = NumericSystem(problem.system)
+    ends = np.stack([problem.start_point, problem.goal_point])
+    for outcome, sentence in (
+        (Outcome.INFEASIBLE, _broken_bounds(problem, numeric, ends)),
+        (Outcome.OTHER_COMPONENT, _opposite_signs(problem, numeric, ends)),
+    ):
+        if sentence:
+            return _unsolved(problem, solver, numeric, outcome, f"{sentence}. {outcome.advice}")
+    return None
+
+
+def _broken_bounds(problem: PlanningProblem, numeric: NumericSystem, ends: Array) -> str:
+    """Bounds on quantities of the pose alone that the start or the goal itself breaks."""
+    if not problem.bounds:
+        return ""
+    inputs = problem.system.input_space.size
+    still, moving = (
+        numeric.trajectory(ends, np.full((2, inputs), value), problem.scale) for value in (0.0, 1.0)
     )
+    times = np.array([0.0, problem.horizon.initial or 1.0])
+    of_the_pose = [b for b in problem.bounds if np.array_equal(still[b.quantity], moving[b.quantity])]
+    reports = [report for report in check_bounds(of_the_pose, times, still) if not report.ok]
+    return "; ".join(
+        f"the {'start' if report.time == 0 else 'goal'} itself breaks {report.describe()}"
+        for report in reports
+    )
+
+
+def _opposite_signs(problem: PlanningProblem, numeric: NumericSystem, ends: Array) -> str:
+    """Determinants that no path of the machine changes for good, and that differ in sign at the goal."""
+    margins = numeric.margins(ends, problem.scale)
+    sentences = []
+    for name in problem.system.separating():
+        first, last = margins[f"det_{name}"]
+        if first * last < 0 and margins[f"sigma_{name}"].min() > ON_THE_SURFACE:
+            sentences.append(f"det {name.upper()} is {first:.3g} at the start and {last:.3g} at the goal")
+    return "; ".join(sentences)
+
+
+def _unsolved(
+    problem: PlanningProblem, solver: Solver, numeric: NumericSystem, outcome: Outcome, message: str
+) -> Solution:
+    """A Solution that stays at the start."""
+    zeros = np.zeros((problem.system.input_space.size, problem.basis.size))
+    control = problem.control(zeros, problem.horizon.initial or 1.0)
     motion = simulate(problem, control, numeric)
     return Solution(
         problem=problem,
         solver=solver.name,
         settings=solver.settings(),
         tolerance=solver.tolerance,
-        outcome=Outcome.OTHER_COMPONENT,
-        message=f"{'; '.join(sentences)}. {Outcome.OTHER_COMPONENT.advice}",
+        outcome=outcome,
+        message=message,
         final_error=problem.goal_error(problem.start_point),
-        timing={"build_s": 0.0, "solve_s": 0.0},
         control=control,
         trajectory=motion.trajectory,
         costs=motion.costs,
+        timing={"build_s": 0.0, "solve_s": 0.0},
     )

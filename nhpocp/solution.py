@@ -44,7 +44,7 @@ _ADVICE = {
     Outcome.CONSTRAINT_VIOLATED: (
         "The goal is reached but a stated constraint is broken; loosen it, or use the nlp solver."
     ),
-    Outcome.ITERATION_LIMIT: "The error still falls; raise max_iterations or gamma.",
+    Outcome.ITERATION_LIMIT: "Raise max_iterations; for the Jacobian method also gamma, up to 1.",
     Outcome.STAGNATED: (
         "The error no longer falls; try another control.initial, more harmonics, or a smaller gamma."
     ),

@@ -158,9 +158,11 @@ class _Run:
                     self.progress({"k": len(self.records) + k, "error": None, "objective": objective})
                 return interruption.noted
 
+            if multipliers is not None and len(multipliers) != len(programme.rows):
+                multipliers = None  # finer steps bring further rows of the same bounds
             optimum = self.solver.optimizer.solve(programme, start, multipliers, watch)
-        first = len(self.records)
-        self.records += [{**record, "k": first + i} for i, record in enumerate(optimum.iterations)]
+        before = self.records[-1]["k"] + 1 if self.records else 0
+        self.records += [{**record, "k": before + record["k"]} for record in optimum.iterations]
         self.logs.append(optimum.log)
         self.evaluations += optimum.evaluations
         if optimum.cut_back:
@@ -259,9 +261,9 @@ class _Run:
 
     def _sentence(self, outcome: Outcome, programme: Transcription, optimum: Optimum) -> str:
         if outcome is Outcome.CONVERGED:
-            return f"{self.problem.objective} {optimum.objective:.6g} after {len(self.records)} iterations."
+            return f"{self.problem.objective} {optimum.objective:.6g} after {self.records[-1]['k']} iterations."
         words = (
-            f"{self.solver.optimizer.kind} ended with {optimum.status} after {len(self.records)} iterations"
+            f"{self.solver.optimizer.kind} ended with {optimum.status} after {self.records[-1]['k']} iterations"
         )
         if outcome is Outcome.INFEASIBLE:
             worst = "; ".join(self._violated(programme, optimum)[:3])

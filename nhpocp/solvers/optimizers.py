@@ -108,8 +108,8 @@ class Ipopt:
         with tempfile.TemporaryDirectory() as folder:
             file = Path(folder) / "ipopt.log"
             options: dict[str, Any] = {
-                "tol": min(self.tolerance, 1e-6),
-                "constr_viol_tol": min(self.tolerance, 1e-8),
+                "tol": min(self.tolerance, 1e-8),
+                "constr_viol_tol": min(self.tolerance, 1e-9),
                 "acceptable_iter": 0,  # an acceptable point is no solution
                 "max_iter": self.max_iterations,
                 "linear_solver": self.linear_solver,
@@ -228,7 +228,7 @@ def _optimum(
     found: Mapping[str, ca.DM], stats: Mapping[str, Any], outcome: Outcome, status: str, log: str
 ) -> Optimum:
     history = stats.get("iterations") or {}
-    records = []
+    records: list[dict[str, Any]] = []
     for k in range(len(history.get("obj", []))):
         records.append(
             {
@@ -240,6 +240,8 @@ def _optimum(
                 "step": float(history["alpha_pr"][k]),
             }
         )
+    if not records:  # fatrop keeps no history
+        records = [{"k": int(stats["iter_count"]), "error": None, "objective": float(found["f"])}]
     return Optimum(
         x=np.array(found["x"]).ravel(),
         objective=float(found["f"]),
