@@ -21,10 +21,12 @@ if TYPE_CHECKING:
     from nhpocp.solution_folder import load_solution as load_solution
     from nhpocp.solution_folder import save_solution as save_solution
     from nhpocp.solvers.continuation import Continuation as Continuation
-    from nhpocp.solvers.continuation import Euler as Euler
     from nhpocp.solvers.generalized_inverses import CoefficientMetric as CoefficientMetric
     from nhpocp.solvers.generalized_inverses import L2Metric as L2Metric
     from nhpocp.solvers.generalized_inverses import MoorePenrose as MoorePenrose
+    from nhpocp.solvers.step_rules import Adaptive as Adaptive
+    from nhpocp.solvers.step_rules import Euler as Euler
+    from nhpocp.solvers.step_rules import Ode as Ode
     from nhpocp.state_space import StateSpace as StateSpace
     from nhpocp.systems.system import System as System
     from nhpocp.systems.three_upu import Leg as Leg
@@ -34,12 +36,13 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 _HOMES = {
+    "Adaptive": "solvers.step_rules",
     "CasadiRungeKutta": "flow.integrators",
     "CoefficientMetric": "solvers.generalized_inverses",
     "Continuation": "solvers.continuation",
     "Control": "controls.control",
     "Cvodes": "flow.integrators",
-    "Euler": "solvers.continuation",
+    "Euler": "solvers.step_rules",
     "Fourier": "controls.fourier",
     "Horizon": "problem",
     "InvalidProblemError": "errors",
@@ -47,6 +50,7 @@ _HOMES = {
     "Leg": "systems.three_upu",
     "MoorePenrose": "solvers.generalized_inverses",
     "NhpocpError": "errors",
+    "Ode": "solvers.step_rules",
     "Outcome": "solution",
     "PlanningProblem": "problem",
     "RungeKutta4": "flow.integrators",

@@ -13,8 +13,9 @@ from nhpocp.flow.integrators import CasadiRungeKutta, Cvodes, RungeKutta4
 from nhpocp.flow.simulation import simulate
 from nhpocp.problem import Horizon, PlanningProblem
 from nhpocp.solution import Outcome
-from nhpocp.solvers.continuation import Continuation, Euler
-from nhpocp.solvers.generalized_inverses import L2Metric
+from nhpocp.solvers.continuation import Continuation
+from nhpocp.solvers.generalized_inverses import CoefficientMetric, Damped, L2Metric, Transpose
+from nhpocp.solvers.step_rules import Adaptive, Euler, Ode
 from nhpocp.systems.numeric import NumericSystem
 from nhpocp.systems.three_upu import ThreeUPU
 
@@ -143,6 +144,57 @@ def test_a_free_orientation_may_be_anything():
     assert np.isfinite(solution.final_error)
 
 
+# --- step rules ---------------------------------------------------------------------------------------------
+
+
+def test_ode_keeps_the_error_on_its_exponential(problem):
+    """[Paper] eq. (9): log e(θ) is straight with slope -γ, to 1e-6."""
+    solution = Continuation(step_rule=Ode(0.1)).solve(problem)
+    assert solution.outcome is Outcome.CONVERGED
+    accepted = [record for record in solution.iterations if record["accepted"]]
+    theta = np.cumsum([record["gamma"] for record in accepted]) / 0.1
+    logs = np.log([record["error"] for record in accepted])
+    np.testing.assert_allclose(logs, logs[0] - 0.1 * theta, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("preset", "most"), [("default", 10), ("normal75", 8), ("paper_conjecture", 6), ("vertical_equal", 10)]
+)
+def test_adaptive_needs_few_evaluations(preset, most):
+    solution = Continuation(step_rule=Adaptive()).solve(paper_problem(preset))
+    assert solution.outcome is Outcome.CONVERGED
+    assert solution.evaluations <= most
+    accepted = [record["error"] for record in solution.iterations if record["accepted"]]
+    assert accepted[-1] < 1e-2 * accepted[0]
+    assert solution.iterations[-1]["k"] == len(accepted) - 1
+
+
+def test_adaptive_refuses_trials_that_cross_det_s():
+    """Newton's first step from Λ0 leaves the robot's side of det S = 0; Euler with γ = 1 ends there."""
+    assert (
+        Continuation(step_rule=Euler(1.0)).solve(paper_problem("vertical_equal")).outcome
+        is Outcome.SINGULAR_S
+    )
+    solution = Continuation(step_rule=Adaptive(first_radius=1e6)).solve(paper_problem("vertical_equal"))
+    assert solution.outcome is Outcome.CONVERGED
+    assert not all(record["accepted"] for record in solution.iterations)
+
+
+def test_adaptive_stops_where_no_step_helps(problem):
+    solution = Continuation(step_rule=Adaptive(), tolerance=1e-18).solve(problem)
+    assert solution.outcome is Outcome.STAGNATED
+    assert min(record["error"] for record in solution.iterations) < 1e-11
+
+
+@pytest.mark.parametrize("inverse", [Damped(), Transpose()], ids=lambda inverse: inverse.kind)
+@pytest.mark.parametrize("metric", [CoefficientMetric(), L2Metric()], ids=lambda metric: metric.kind)
+def test_other_inverses_reach_the_goal(inverse, metric):
+    """Steepest descent crawls where J is badly conditioned (κ = 300 for the whole pose): there, position only."""
+    goal = {"position": [-0.4, -0.2, 35]} if isinstance(inverse, Transpose) else paper_problem().goal
+    solver = Continuation(step_rule=Adaptive(), inverse=inverse, metric=metric)
+    assert solver.solve(paper_problem(goal=goal)).outcome is Outcome.CONVERGED
+
+
 # --- endings ------------------------------------------------------------------------------------------------
 
 
@@ -168,10 +220,10 @@ def test_ends_not_verified_when_the_integration_was_too_coarse(problem):
 
 
 def test_ends_constraint_violated(problem):
-    bounds = [Bound("leg_length", "leg_lengths", 20.0, 45.0)]
+    bounds = [Bound("leg_speed", "u", -20.0, 20.0)]
     solution = solved(paper_problem(bounds=bounds), step_rule=Euler(1.0))
     assert solution.outcome is Outcome.CONSTRAINT_VIOLATED
-    assert "leg_length" in solution.message
+    assert "leg_speed[" in solution.message
 
 
 def test_ends_iteration_limit(problem):

@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 
 from nhpocp.controls.fourier import Fourier
-from nhpocp.solvers.generalized_inverses import CoefficientMetric, L2Metric, MoorePenrose
+from nhpocp.solvers.generalized_inverses import (
+    CoefficientMetric,
+    Damped,
+    L2Metric,
+    MoorePenrose,
+    Transpose,
+)
 
 RANDOM = np.random.default_rng(3)
 JACOBIAN, ERROR = RANDOM.normal(size=(6, 15)), RANDOM.normal(size=6)
@@ -41,3 +47,31 @@ def test_rank_is_found_and_the_rest_left_alone(rank):
     found = MoorePenrose()(left @ right, ERROR, np.eye(15))
     assert found.rank == rank
     np.testing.assert_allclose(found.step, -np.linalg.pinv(left @ right, rcond=1e-8) @ ERROR, atol=1e-9)
+
+
+def test_damped_is_moore_penrose_away_from_singularity():
+    factor = L2Metric().factor(Fourier(2), 3, 1.0)
+    assert np.linalg.cond(np.linalg.solve(factor, JACOBIAN.T)) < 50
+    np.testing.assert_allclose(
+        Damped()(JACOBIAN, ERROR, factor).step, MoorePenrose()(JACOBIAN, ERROR, factor).step
+    )
+
+
+def test_damped_stays_bounded_where_moore_penrose_does_not():
+    left, _, right = np.linalg.svd(JACOBIAN, full_matrices=False)
+    for least in (1e-3, 1e-6, 0.0):
+        nearly = left @ np.diag([3, 2, 2, 1, 1, least]) @ right
+        found = Damped()(nearly, ERROR, np.eye(15))
+        assert np.linalg.norm(found.step) < 0.5 / (0.02 * 3) * np.linalg.norm(ERROR) + np.linalg.norm(ERROR)
+        assert not found.blocked
+    assert (
+        np.linalg.norm(MoorePenrose()(left @ np.diag([3, 2, 2, 1, 1, 1e-3]) @ right, ERROR, np.eye(15)).step)
+        > 100
+    )
+
+
+def test_transpose_is_the_best_step_along_steepest_descent():
+    found = Transpose()(JACOBIAN, ERROR, np.eye(15))
+    np.testing.assert_allclose(np.cross(found.step[:3], (JACOBIAN.T @ ERROR)[:3]), 0, atol=1e-12)
+    at = lambda share: np.linalg.norm(ERROR + share * JACOBIAN @ found.step)  # noqa: E731
+    assert at(1.0) < min(at(0.9), at(1.1), at(0.0))

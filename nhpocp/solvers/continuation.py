@@ -6,88 +6,29 @@ The loop is written once; how long a step is (`StepRule`), how J is inverted (`G
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
+from itertools import chain
 from math import log
 from time import perf_counter
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar
 
 import numpy as np
 
 from nhpocp.arrays import Array
-from nhpocp.flow.end_point_map import DifferentiatedEndPointMap, EndPoint, EndPointMapFactory
+from nhpocp.flow.end_point_map import DifferentiatedEndPointMap, EndPointMapFactory
 from nhpocp.flow.integrators import Integrator, RungeKutta4
 from nhpocp.flow.simulation import simulate
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Outcome, Progress, Solution
-from nhpocp.solvers.end_point_error import EndPointError
-from nhpocp.solvers.generalized_inverses import (
-    CoefficientMetric,
-    Direction,
-    GeneralizedInverse,
-    Metric,
-    MoorePenrose,
-)
+from nhpocp.solvers.evaluation import Evaluation, Evaluator
+from nhpocp.solvers.generalized_inverses import CoefficientMetric, GeneralizedInverse, Metric, MoorePenrose
 from nhpocp.solvers.initial_control import NoStartError, initial_coefficients
 from nhpocp.solvers.interruption import Interruption
-from nhpocp.systems.numeric import NumericSystem
+from nhpocp.solvers.step_rules import Euler, StepRule
 
-DIVERGED_ABOVE = (
-    1e3  # times (1 + the first error): far outside any workspace measured in the problem's own units
-)
-SINGULAR = {"s": Outcome.SINGULAR_S, "w": Outcome.SINGULAR_W}  # by the name of the regularity matrix
-SINGULAR_BELOW = 0.05  # |det| against its value at the start, before a path that is not finite
-STAGNATION_WINDOW = 50  # iterations
+DIVERGED_ABOVE = 1e3  # times (1 + the first error): far outside any workspace
+STAGNATION_WINDOW = 50  # updates
 STAGNATION_SHARE = 0.01  # of the decay that the step sizes promise
-
-
-@dataclass(frozen=True)
-class Evaluation:
-    """One control and where it leads."""
-
-    coefficients: Array
-    end: EndPoint
-    residual: EndPointError | None  # None where the end point is not finite or at π
-    direction: Direction | None
-    failure: Outcome | None = None
-    message: str = ""
-
-    @property
-    def error(self) -> float:
-        """E, infinite where there is none."""
-        return self.residual.norm if self.residual else np.inf
-
-
-Evaluate = Callable[[Array, float], Evaluation]
-
-
-class StepRule(Protocol):
-    """How far to go along the full step; may evaluate as often as it needs."""
-
-    kind: ClassVar[str]
-
-    def step(self, here: Evaluation, evaluate: Evaluate) -> Evaluation:
-        """The next control, evaluated: ``evaluate(coefficients, γ)`` records it."""
-        ...
-
-    def settings(self) -> dict[str, Any]:
-        """The rule's own settings under the problem file's names."""
-        ...
-
-
-@dataclass(frozen=True)
-class Euler:
-    """Λ ← Λ - γ J^# e, [Paper] eq. (17). The paper names no γ; 0.1 is ours."""
-
-    gamma: float = 0.1
-    kind: ClassVar[str] = "euler"
-
-    def step(self, here: Evaluation, evaluate: Evaluate) -> Evaluation:
-        change = here.direction.step.reshape(here.coefficients.shape) if here.direction else 0.0
-        return evaluate(here.coefficients + self.gamma * change, self.gamma)
-
-    def settings(self) -> dict[str, Any]:
-        return {"gamma": self.gamma}
 
 
 @dataclass(frozen=True)
@@ -126,6 +67,10 @@ class Continuation:
         return _Run(self, problem, progress).solve()
 
 
+class _LimitReached(Exception):
+    """A step rule asked for more evaluations than allowed."""
+
+
 class _Run:
     """One solve: the state of the loop and its records."""
 
@@ -133,13 +78,13 @@ class _Run:
         self.solver, self.problem, self.progress = solver, problem, progress
         began = perf_counter()
         self.horizon = problem.horizon.fixed
-        self.numeric = NumericSystem(problem.system)
         self.map = solver.sensitivity(
             problem.system, problem.basis, self.horizon, problem.start_point, solver.integrator
         )
-        self.factor = solver.metric.factor(problem.basis, problem.system.input_space.size, self.horizon)
+        factor = solver.metric.factor(problem.basis, problem.system.input_space.size, self.horizon)
+        self.evaluator = Evaluator(problem, self.map, solver.inverse, factor)
         self.records: list[dict[str, Any]] = []
-        self.warnings: list[str] = []
+        self.updates = 0
         self.here: Evaluation | None = None
         self.interruption = Interruption()
         self.build_seconds = perf_counter() - began
@@ -153,6 +98,9 @@ class _Run:
                 outcome, message = self.iterate(first)
             except NoStartError as error:
                 outcome, message = Outcome.RANK_DEFICIENT, f"`initial: auto`: {error.message}"
+            except _LimitReached:
+                outcome = Outcome.ITERATION_LIMIT
+                message = f"E = {self.here.error if self.here else np.nan:.3g} after {len(self.records)} evaluations"
             except KeyboardInterrupt:
                 outcome, message = Outcome.INTERRUPTED, "Stopped by hand"
             except RuntimeError as error:  # CasADi and SUNDIALS report through RuntimeError
@@ -164,140 +112,89 @@ class _Run:
     def iterate(self, first: Array) -> tuple[Outcome, str]:
         """The loop of (17): evaluate, stop or step."""
         here = self.evaluate(first, 0.0)
-        while True:
-            self.here = here
-            ended = self.ended(here)
+        for current in chain([here], self.solver.step_rule.updates(here, self.evaluate)):
+            self.accept(current)
+            ended = self.ended(current)
             if ended:
                 return ended
-            here = self.solver.step_rule.step(here, self.evaluate)
+        return Outcome.STAGNATED, f"E = {self.records[-1]['error']:.3g}: no step, however short, reduces it"
+
+    def evaluate(self, coefficients: Array, gamma: float) -> Evaluation:
+        """Where a control leads; every call leaves a record, which counts as refused until it is accepted."""
+        self.interruption.check()
+        if len(self.records) > self.solver.max_iterations:
+            raise _LimitReached
+        if self.records and not self.records[-1]["accepted"]:
+            self.records[-1]["k"] = self.updates  # it was a trial, and refused
+        evaluation = self.evaluator(coefficients)
+        direction = evaluation.direction
+        change = np.linalg.norm(coefficients - self.here.coefficients) if self.here else 0.0
+        self.records.append(
+            {
+                "k": self.updates + (self.here is not None),
+                "error": evaluation.error if np.isfinite(evaluation.error) else None,
+                "step": float(change),
+                "gamma": gamma,
+                "rank": direction.rank if direction else None,
+                "sigma_jacobian": float(direction.singular_values[-1]) if direction else None,
+                **evaluation.margins,
+                "accepted": False,
+            }
+        )
+        if self.progress:
+            self.progress(self.records[-1])
+        return evaluation
+
+    def accept(self, here: Evaluation) -> None:
+        """Makes an evaluated control the current one; the last record is its own."""
+        self.updates += self.here is not None
+        self.here = here
+        self.records[-1] |= {"k": self.updates, "accepted": True}
 
     def ended(self, here: Evaluation) -> tuple[Outcome, str] | None:
         """Whether the loop stops here, and with what sentence."""
-        k, error = len(self.records) - 1, here.error
-        first = self.records[0]["error"]
+        k, error, direction = self.updates, here.error, here.direction
+        first, rows = self.records[0]["error"], len(self.problem.error_rows)
         if here.failure:
-            return here.failure, f"Iteration {k}: {here.message}"
+            return here.failure.outcome, f"Update {k}: {here.failure.sentence}"
         if error < self.solver.tolerance:
-            jumped = self.sign_change(here.end.path)
-            if jumped:
-                return jumped[0], f"E = {error:.3g} is below the tolerance, but {jumped[1]}"
+            if here.crossing:
+                sentence = f"E = {error:.3g} is below the tolerance, but {here.crossing.sentence}"
+                return here.crossing.outcome, sentence
             return Outcome.CONVERGED, f"E = {error:.3g} after {k} updates"
-        if error > DIVERGED_ABOVE * (1 + first):
-            jumped = self.sign_change(here.end.path)
-            return jumped or (
-                Outcome.DIVERGED,
-                f"Iteration {k}: E = {error:.3g}, from {first:.3g} at the start",
-            )
-        direction, rows = here.direction, len(self.problem.error_rows)
-        if direction is not None and direction.rank < rows:
-            return self.sign_change(here.end.path) or (
-                Outcome.RANK_DEFICIENT,
-                f"Iteration {k}: the Jacobian has rank {direction.rank} of {rows} "
-                f"(singular values {' '.join(f'{x:.2g}' for x in direction.singular_values)}), E = {error:.3g}",
-            )
-        if k >= self.solver.max_iterations:
-            return (
-                Outcome.ITERATION_LIMIT,
-                f"E = {error:.3g} after {k} updates, tolerance {self.solver.tolerance:g}",
-            )
-        return self.stagnation(k)
+        lost = error > DIVERGED_ABOVE * (1 + first)
+        deficient = direction is not None and direction.blocked
+        if (lost or deficient) and here.crossing:
+            return here.crossing.outcome, f"Update {k}: {here.crossing.sentence}"
+        if lost:
+            return Outcome.DIVERGED, f"Update {k}: E = {error:.3g}, from {first:.3g} at the start"
+        if direction is not None and deficient:
+            values = " ".join(f"{x:.2g}" for x in direction.singular_values)
+            sentence = f"the Jacobian has rank {direction.rank} of {rows} (singular values {values}), E = {error:.3g}"
+            return Outcome.RANK_DEFICIENT, f"Update {k}: {sentence}"
+        if len(self.records) > self.solver.max_iterations:
+            sentence = f"E = {error:.3g} after {len(self.records)} evaluations"
+            return Outcome.ITERATION_LIMIT, f"{sentence}, tolerance {self.solver.tolerance:g}"
+        return self.stagnation()
 
-    def stagnation(self, k: int) -> tuple[Outcome, str] | None:
+    def stagnation(self) -> tuple[Outcome, str] | None:
         """Whether the error fell by less than a share of what the last steps promised, Σγ on the log scale."""
-        if k < STAGNATION_WINDOW:
+        accepted = [record for record in self.records if record["accepted"]]
+        if len(accepted) <= STAGNATION_WINDOW:
             return None
-        errors = [record["error"] if record["error"] is not None else np.inf for record in self.records]
+        errors = [record["error"] for record in accepted]
         best, before = min(errors), min(errors[:-STAGNATION_WINDOW])
-        promised = sum(record["gamma"] for record in self.records[-STAGNATION_WINDOW:])
-        if log(before / best) >= STAGNATION_SHARE * promised:
+        promised = sum(record["gamma"] for record in accepted[-STAGNATION_WINDOW:])
+        if best > 0 and log(before / best) >= STAGNATION_SHARE * promised:
             return None
         return (
             Outcome.STAGNATED,
             f"E = {best:.3g} at best, and no better over the last {STAGNATION_WINDOW} updates",
         )
 
-    def evaluate(self, coefficients: Array, gamma: float) -> Evaluation:
-        """Where a control leads; every call leaves a record."""
-        evaluation = self.evaluation(coefficients, gamma)
-        margins = self.margins(evaluation.end.path)
-        values = evaluation.direction.singular_values if evaluation.direction else np.array([np.nan])
-        change = np.linalg.norm(coefficients - self.here.coefficients) if self.here else 0.0
-        record = {
-            "k": len(self.records),
-            "error": evaluation.error if np.isfinite(evaluation.error) else None,
-            "step": float(change),
-            "gamma": gamma,
-            "rank": evaluation.direction.rank if evaluation.direction else None,
-            "sigma_jacobian": float(values[-1]),
-            **margins,
-        }
-        self.records.append(record)
-        if self.progress:
-            self.progress(record)
-        self.interruption.check()
-        return evaluation
-
-    def evaluation(self, coefficients: Array, gamma: float) -> Evaluation:
-        end = self.map(coefficients)
-        if not (np.isfinite(end.path).all() and np.isfinite(end.jacobian).all()):
-            outcome, message = self.blow_up(end.path)
-            return Evaluation(coefficients, end, None, None, outcome, message)
-        residual = EndPointError(self.problem, end)
-        if residual.half_turn:
-            message = f"the orientation error is {residual.angle:.9f} rad, a half turn"
-            return Evaluation(coefficients, end, None, None, Outcome.ORIENTATION_AT_PI, message)
-        direction = self.solver.inverse(residual.jacobian, residual.vector, self.factor)
-        return Evaluation(coefficients, end, residual, direction)
-
-    def margins(self, path: Array) -> dict[str, float | None]:
-        """Least σ of each regularity matrix over the finite part of the path."""
-        finite = path[np.isfinite(path).all(axis=1)]
-        margins = self.numeric.margins(finite, self.problem.scale)
-        found = {name: v[np.isfinite(v)] for name, v in margins.items() if name.startswith("sigma")}
-        return {name: float(values.min()) if values.size else None for name, values in found.items()}
-
-    def sign_change(self, path: Array) -> tuple[Outcome, str] | None:
-        """The first change of sign of a determinant that these equations invert, as an ending."""
-        for name, values in self.breaking_determinants(path).items():
-            changes = np.flatnonzero(np.sign(values) * np.sign(values[0]) <= 0)
-            if changes.size and changes[0] == 0:
-                return SINGULAR.get(name, Outcome.NOT_FINITE), f"det {name.upper()} vanishes at the start"
-            if changes.size:
-                times = self.map.times[changes[0] - 1 : changes[0] + 1]
-                sentence = f"det {name.upper()} changes sign between t = {times[0]:.4g} and {times[1]:.4g}"
-                return SINGULAR.get(name, Outcome.NOT_FINITE), sentence
-        return None
-
-    def blow_up(self, path: Array) -> tuple[Outcome, str]:
-        """Why a path is not finite: it ran into a singular surface (a fixed step may land on either side), or not."""
-        crossed = self.sign_change(path)
-        if crossed:
-            return crossed
-        for name, values in self.breaking_determinants(path).items():
-            share = np.abs(values / values[0])
-            if share.min() < SINGULAR_BELOW:
-                where = self.map.times[int(np.argmin(share))]
-                sentence = (
-                    f"det {name.upper()} falls to {share.min():.2g} of its first value at t = {where:.4g}"
-                )
-                return SINGULAR.get(name, Outcome.NOT_FINITE), sentence
-        return self.overflow(path)
-
-    def breaking_determinants(self, path: Array) -> dict[str, Array]:
-        """The determinants that the system's equations divide by, along the finite part of a path."""
-        finite = path[np.isfinite(path).all(axis=1)]
-        determinants = self.numeric.determinants(finite)
-        # undefined counts as zero: a leg along its own w4 axis has no w3
-        return {name: np.nan_to_num(determinants[name], nan=0.0) for name in self.problem.system.breaking()}
-
-    def overflow(self, path: Array) -> tuple[Outcome, str]:
-        good = int(np.isfinite(path).all(axis=1).sum())
-        where = self.map.times[min(good, len(self.map.times) - 1)]
-        return Outcome.NOT_FINITE, f"the integration is not finite from t = {where:.4g} on"
-
     def solution(self, outcome: Outcome, message: str, coefficients: Array, seconds: float) -> Solution:
         control = self.problem.control(coefficients, self.horizon)
-        motion = simulate(self.problem, control, self.numeric)
+        motion = simulate(self.problem, control, self.evaluator.numeric)
         advice = "" if outcome is Outcome.CONVERGED else f" {outcome.advice}"
         return Solution(
             problem=self.problem,
@@ -312,6 +209,5 @@ class _Run:
             costs=motion.costs,
             iterations=self.records,
             evaluations=len(self.records),
-            warnings=self.warnings,
             timing={"build_s": self.build_seconds, "solve_s": seconds},
         )

@@ -47,8 +47,12 @@ class Direction:
     """The full step δλ and what was seen of the Jacobian on the way."""
 
     step: Array
+    image: Array  # J δλ, what the step promises to add to e
     rank: int
     singular_values: Array
+    blocked: bool = (
+        False  # the error cannot be reduced from here in every direction, and the inverse needs that
+    )
 
 
 class GeneralizedInverse(Protocol):
@@ -71,8 +75,55 @@ class MoorePenrose:
     kind: ClassVar[str] = "moore_penrose"
 
     def __call__(self, jacobian: Array, error: Array, factor: Array) -> Direction:
-        scaled = np.linalg.solve(factor, jacobian.T).T  # J L⁻ᵀ
-        left, values, right = np.linalg.svd(scaled, full_matrices=False)
-        rank = int(np.sum(values > self.rank_tolerance * values[0])) if values.size and values[0] > 0 else 0
+        left, values, right = scaled_svd(jacobian, factor)
+        rank = rank_of(values, self.rank_tolerance)
         inner = -right[:rank].T @ ((left[:, :rank].T @ error) / values[:rank])
-        return Direction(np.linalg.solve(factor.T, inner), rank, values)
+        step = np.linalg.solve(factor.T, inner)
+        return Direction(step, jacobian @ step, rank, values, blocked=rank < len(error))
+
+
+@dataclass(frozen=True)
+class Damped:
+    """δλ = -Jᵀ (J Jᵀ + μ² I)⁻¹ e, singularity-robust: μ = ``most`` (1 - σ_min/threshold) below the threshold, else 0.
+
+    [Nakamura, Hanafusa 1986]. The threshold is a share of the largest singular value.
+    """
+
+    share: float = 0.02
+    most: float = 0.02
+    kind: ClassVar[str] = "damped"
+
+    def __call__(self, jacobian: Array, error: Array, factor: Array) -> Direction:
+        left, values, right = scaled_svd(jacobian, factor)
+        threshold = self.share * values[0]
+        least = values[-1] if len(values) == len(error) else 0.0
+        damping = self.most * values[0] * max(0.0, 1.0 - least / threshold) if threshold > 0 else 1.0
+        inner = -right.T @ (values / (values**2 + damping**2) * (left.T @ error))
+        step = np.linalg.solve(factor.T, inner)
+        return Direction(step, jacobian @ step, rank_of(values, 1e-8), values)
+
+
+@dataclass(frozen=True)
+class Transpose:
+    """δλ = -α Jᵀ e, with the α that reduces |e + J δλ| most: steepest descent, no inverse at all."""
+
+    kind: ClassVar[str] = "transpose"
+
+    def __call__(self, jacobian: Array, error: Array, factor: Array) -> Direction:
+        _, values, _ = scaled_svd(jacobian, factor)
+        gradient = np.linalg.solve(factor.T, np.linalg.solve(factor, jacobian.T @ error))
+        image = jacobian @ gradient
+        squared = float(image @ image)
+        alpha = float(error @ image) / squared if squared > 0 else 0.0
+        return Direction(-alpha * gradient, -alpha * image, rank_of(values, 1e-8), values)
+
+
+def scaled_svd(jacobian: Array, factor: Array) -> tuple[Array, Array, Array]:
+    """Singular value decomposition of J L⁻ᵀ: J between the metric's orthonormal coordinates and the error."""
+    left, values, right = np.linalg.svd(np.linalg.solve(factor, jacobian.T).T, full_matrices=False)
+    return left, values, right
+
+
+def rank_of(values: Array, tolerance: float) -> int:
+    """Singular values above ``tolerance`` times the largest."""
+    return int(np.sum(values > tolerance * values[0])) if values.size and values[0] > 0 else 0

@@ -17,7 +17,7 @@ from nhpocp.flow.end_point_map import DifferentiatedEndPointMap
 from nhpocp.flow.integrators import RungeKutta4
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Outcome, Solver
-from nhpocp.solvers.initial_control import initial_coefficients, seeded_coefficients
+from nhpocp.solvers.initial_control import seeded_coefficients
 from nhpocp.solvers.transcription import Guess
 from nhpocp.systems.numeric import NumericSystem
 
@@ -35,7 +35,12 @@ class GuessMaker(Protocol):
 
 
 def make_guess(
-    maker: GuessMaker, problem: PlanningProblem, basis: ControlBasis | None, intervals: int, seed: int
+    maker: GuessMaker,
+    problem: PlanningProblem,
+    basis: ControlBasis | None,
+    intervals: int,
+    seed: int,
+    numeric: NumericSystem | None = None,
 ) -> Guess:
     """The guess of a maker over ``basis`` (None: piecewise constant), simulated.
 
@@ -46,7 +51,7 @@ def make_guess(
     wanted = basis or PiecewiseConstant(intervals)
     if control.basis != wanted:
         control = project(control, wanted)
-    states = follow(problem, control, intervals, STEPS_PER_INTERVAL)
+    states = follow(problem, control, intervals, STEPS_PER_INTERVAL, numeric)
     if not np.isfinite(states).all():
         raise InvalidProblemError(
             f"the path under the {maker.kind} guess is not finite; try another control.initial, or "
@@ -67,12 +72,17 @@ def starting_horizon(problem: PlanningProblem) -> float:
     return low if low is not None else high if high is not None else 1.0
 
 
-def follow(problem: PlanningProblem, control: Control, intervals: int, steps: int) -> Array:
+def follow(
+    problem: PlanningProblem,
+    control: Control,
+    intervals: int,
+    steps: int,
+    numeric: NumericSystem | None = None,
+) -> Array:
     """States (intervals + 1, size) at the nodes under a control, by RK4 with ``steps`` per interval."""
+    numeric = numeric or NumericSystem(problem.system)
     times = np.linspace(0.0, control.horizon, intervals * steps + 1)
-    flow = RungeKutta4().flow(
-        NumericSystem(problem.system).rate_function, control.basis, control.horizon, times
-    )
+    flow = RungeKutta4().flow(numeric.rate_function, control.basis, control.horizon, times)
     return flow.states(problem.start_point, control.coefficients)[::steps]
 
 
@@ -83,12 +93,12 @@ class ProblemGuess:
     kind: ClassVar[str] = "problem"
 
     def control(self, problem: PlanningProblem, horizon: float, seed: int) -> Control:
+        if problem.initial is not None and not seed:
+            return Control(problem.basis, problem.initial, horizon)
         end_point_map = DifferentiatedEndPointMap(
             problem.system, problem.basis, horizon, problem.start_point, RungeKutta4()
         )
-        if seed:
-            return Control(problem.basis, seeded_coefficients(problem, end_point_map, seed), horizon)
-        return Control(problem.basis, initial_coefficients(problem, end_point_map, 0), horizon)
+        return Control(problem.basis, seeded_coefficients(problem, end_point_map, seed), horizon)
 
 
 @dataclass(frozen=True)

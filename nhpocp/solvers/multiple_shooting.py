@@ -129,7 +129,9 @@ class _Run:
     def solve(self) -> Solution:
         began = perf_counter()
         try:
-            guess = make_guess(self.maker, self.problem, self.basis, self.solver.intervals, self.seed)
+            guess = make_guess(
+                self.maker, self.problem, self.basis, self.solver.intervals, self.seed, self.numeric
+            )
         except InvalidProblemError as error:
             return self._without_optimum(error, perf_counter() - began)
         steps = self.solver.steps_per_interval or self._enough_steps(guess.control)
@@ -181,9 +183,13 @@ class _Run:
             steps *= 2
         return steps
 
+    def _end(self, control: Control, steps: int) -> Array:
+        """Where a control leads with ``steps`` RK4 steps per interval."""
+        return follow(self.problem, control, self.solver.intervals, steps, self.numeric)[-1]
+
     def _resimulation_gap(self, control: Control, steps: int) -> float:
         """Distance of the end points with ``steps`` and with ``FINER`` times as many steps per interval."""
-        ends = [follow(self.problem, control, self.solver.intervals, n)[-1] for n in (steps, FINER * steps)]
+        ends = [self._end(control, n) for n in (steps, FINER * steps)]
         if not np.isfinite(ends).all():
             return np.inf
         space = self.problem.system.state_space
@@ -230,7 +236,7 @@ class _Run:
         outcome = optimum.outcome
         if outcome is Outcome.INFEASIBLE and not self._violated(programme, optimum):
             outcome = Outcome.STAGNATED  # restoration gave up next to a feasible point
-        end = follow(self.problem, plan.control, self.solver.intervals, programme.steps)[-1]
+        end = self._end(plan.control, programme.steps)
         costates = programme.costates(optimum.multipliers)
         self.details |= {
             "status": optimum.status,
@@ -261,10 +267,10 @@ class _Run:
 
     def _sentence(self, outcome: Outcome, programme: Transcription, optimum: Optimum) -> str:
         if outcome is Outcome.CONVERGED:
-            return f"{self.problem.objective} {optimum.objective:.6g} after {self.records[-1]['k']} iterations."
-        words = (
-            f"{self.solver.optimizer.kind} ended with {optimum.status} after {self.records[-1]['k']} iterations"
-        )
+            return (
+                f"{self.problem.objective} {optimum.objective:.6g} after {self.records[-1]['k']} iterations."
+            )
+        words = f"{self.solver.optimizer.kind} ended with {optimum.status} after {self.records[-1]['k']} iterations"
         if outcome is Outcome.INFEASIBLE:
             worst = "; ".join(self._violated(programme, optimum)[:3])
             words += f". Most violated: {worst}"

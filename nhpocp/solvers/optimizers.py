@@ -129,7 +129,9 @@ class Ipopt:
                 "error_on_fail": False,
                 "ipopt": options,
             }
-            plugin.update({name: functions[name] for name in ("grad_f", "jac_g", "hess_lag") if name in functions})
+            plugin.update(
+                {name: functions[name] for name in ("grad_f", "jac_g", "hess_lag") if name in functions}
+            )
             if callback:
                 plugin["iteration_callback"] = callback
             solver = ca.nlpsol("ipopt", "ipopt", nlp, plugin)

@@ -27,6 +27,7 @@ from nhpocp.controls.control import Control
 from nhpocp.controls.piecewise_constant import PiecewiseConstant
 from nhpocp.objectives import INTEGRANDS
 from nhpocp.problem import PlanningProblem
+from nhpocp.systems.numeric import NumericSystem
 
 
 @dataclass(frozen=True)
@@ -69,7 +70,7 @@ class Interval:
         here, there = ca.SX.sym("here", space.size), ca.SX.sym("there", space.size)
         tables = ca.SX.sym("phi", basis.size if basis else 0, 2 * steps + 1)
         horizon = w[self.nodes - 1] if self.free_horizon else problem.horizon.fixed
-        controls = self._stage_controls(w, tables)
+        controls, self._rate = self._stage_controls(w, tables), NumericSystem(system).rate_function
         state = space.chart(self.scales * w[:d], here)
         points, cost = [(0.0, state, controls[0])], 0.0
         h = horizon / (intervals * steps)
@@ -99,14 +100,14 @@ class Interval:
 
     def _step(self, state: ca.SX, h: Any, u: Sequence[ca.SX]) -> tuple[ca.SX, Any]:
         """One RK4 step, and the objective's share by the same quadrature."""
-        system, cost = self.problem.system, self._integrand
-        k1 = system.rate(state, u[0])
+        rate, cost = self._rate, self._integrand
+        k1 = rate(state, u[0])
         x2 = state + 0.5 * h * k1
-        k2 = system.rate(x2, u[1])
+        k2 = rate(x2, u[1])
         x3 = state + 0.5 * h * k2
-        k3 = system.rate(x3, u[1])
+        k3 = rate(x3, u[1])
         x4 = state + h * k3
-        k4 = system.rate(x4, u[2])
+        k4 = rate(x4, u[2])
         share = h / 6 * (cost(state, u[0]) + 2 * cost(x2, u[1]) + 2 * cost(x3, u[1]) + cost(x4, u[2]))
         return state + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4), share
 

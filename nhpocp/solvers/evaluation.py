@@ -1,0 +1,118 @@
+"""One control tried: where it leads, what the Jacobian says there, and what is wrong with its path."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from nhpocp.arrays import Array
+from nhpocp.flow.end_point_map import EndPoint, EndPointMap
+from nhpocp.problem import PlanningProblem
+from nhpocp.solution import Outcome
+from nhpocp.solvers.end_point_error import EndPointError
+from nhpocp.solvers.generalized_inverses import Direction, GeneralizedInverse
+from nhpocp.systems.numeric import NumericSystem
+
+SINGULAR = {"s": Outcome.SINGULAR_S, "w": Outcome.SINGULAR_W}  # by the name of the regularity matrix
+SINGULAR_BELOW = 0.05  # |det| against its value at the start, before a path that is not finite
+
+
+@dataclass(frozen=True)
+class Trouble:
+    """Why a path cannot be trusted, or not gone on from."""
+
+    outcome: Outcome
+    sentence: str
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """One control and where it leads."""
+
+    coefficients: Array
+    end: EndPoint
+    error: float  # E; infinite where the end point is not finite or an orientation is at π
+    margins: dict[str, float | None]  # least σ of every regularity matrix along the path
+    vector: Array | None = None  # e, dimensionless (`EndPointError.vector`)
+    direction: Direction | None = None  # the full step; None where there is no error to reduce
+    failure: Trouble | None = None  # the end point is useless
+    crossing: Trouble | None = None  # the path jumps across a surface that its equations cannot cross
+
+    @property
+    def merit(self) -> float:
+        """|e| in the scale in which the direction was found; infinite where there is none."""
+        return float(np.linalg.norm(self.vector)) if self.vector is not None else np.inf
+
+
+class Evaluator:
+    """Evaluates controls of one problem with one end-point map and one generalized inverse."""
+
+    def __init__(
+        self, problem: PlanningProblem, end_point_map: EndPointMap, inverse: GeneralizedInverse, factor: Array
+    ) -> None:
+        self.problem, self.map, self.inverse, self.factor = problem, end_point_map, inverse, factor
+        self.numeric = NumericSystem(problem.system)
+
+    def __call__(self, coefficients: Array) -> Evaluation:
+        end = self.map(coefficients)
+        margins = self._margins(end.path)
+        least = {name: _least(values) for name, values in margins.items() if name.startswith("sigma")}
+        crossing = self._crossing(margins)
+        if not (np.isfinite(end.path).all() and np.isfinite(end.jacobian).all()):
+            failure = crossing or self._vanishing(margins) or self._overflow(end.path)
+            return Evaluation(coefficients, end, np.inf, least, failure=failure)
+        residual = EndPointError(self.problem, end)
+        if residual.half_turn:
+            sentence = f"the orientation error is {residual.angle:.9f} rad, a half turn"
+            trouble = Trouble(Outcome.ORIENTATION_AT_PI, sentence)
+            return Evaluation(coefficients, end, np.inf, least, failure=trouble)
+        direction = self.inverse(residual.jacobian, residual.vector, self.factor)
+        return Evaluation(
+            coefficients, end, residual.norm, least, residual.vector, direction, crossing=crossing
+        )
+
+    def _margins(self, path: Array) -> dict[str, Array]:
+        """σ and det of every regularity matrix along the finite part of the path."""
+        finite = path[np.isfinite(path).all(axis=1)]
+        return self.numeric.margins(finite, self.problem.scale)
+
+    def _determinants(self, margins: dict[str, Array]) -> dict[str, Array]:
+        """Of the matrices that the equations divide by; undefined counts as zero (a leg along its own w4 has no w3)."""
+        return {
+            name: np.nan_to_num(margins[f"det_{name}"], nan=0.0) for name in self.problem.system.breaking()
+        }
+
+    def _crossing(self, margins: dict[str, Array]) -> Trouble | None:
+        """The first change of sign of a determinant that the equations divide by."""
+        for name, values in self._determinants(margins).items():
+            changes = np.flatnonzero(np.sign(values) * np.sign(values[0]) <= 0)
+            if changes.size and changes[0] == 0:
+                return _trouble(name, "vanishes at the start")
+            if changes.size:
+                before, after = self.map.times[changes[0] - 1 : changes[0] + 1]
+                return _trouble(name, f"changes sign between t = {before:.4g} and {after:.4g}")
+        return None
+
+    def _vanishing(self, margins: dict[str, Array]) -> Trouble | None:
+        """A path that is not finite may have landed on the same side of a surface that it ran into."""
+        for name, values in self._determinants(margins).items():
+            share = np.abs(values / values[0])
+            if share.min() < SINGULAR_BELOW:
+                where = self.map.times[int(np.argmin(share))]
+                return _trouble(name, f"falls to {share.min():.2g} of its first value at t = {where:.4g}")
+        return None
+
+    def _overflow(self, path: Array) -> Trouble:
+        good = int(np.isfinite(path).all(axis=1).sum())
+        where = self.map.times[min(good, len(self.map.times) - 1)]
+        return Trouble(Outcome.NOT_FINITE, f"the integration is not finite from t = {where:.4g} on")
+
+
+def _trouble(name: str, words: str) -> Trouble:
+    return Trouble(SINGULAR.get(name, Outcome.NOT_FINITE), f"det {name.upper()} {words}")
+
+
+def _least(values: Array) -> float | None:
+    finite = values[np.isfinite(values)]
+    return float(finite.min()) if finite.size else None
