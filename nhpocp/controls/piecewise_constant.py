@@ -39,7 +39,9 @@ class PiecewiseConstant(ControlBasis):
         share = np.where(np.abs(share - nearest) < 1e-9, nearest, share)  # a breakpoint up to rounding
         place = np.floor(share) if side == "right" else np.ceil(share) - 1
         place = np.clip(place, 0, self.intervals - 1).astype(int)
-        return np.eye(self.intervals)[place]
+        table = np.zeros((len(share), self.intervals))
+        table[np.arange(len(share)), place] = 1.0
+        return table
 
     def gram(self, horizon: float) -> Array:
         return np.eye(self.intervals) * horizon / self.intervals

@@ -64,7 +64,8 @@ class RungeKutta4:
     """The classical fourth-order Runge–Kutta scheme with fixed steps, written out.
 
     A step sees the control at its start, middle and end only, so the basis never enters the integrator: dy(T)/dλ is the
-    exact derivative of the scheme, each step's Jacobian (CasADi's AD) chained backwards and summed against φ there.
+    exact derivative of the scheme: f is differentiated (CasADi's AD) at its stages, the stages are chained within a
+    step, the steps backwards, and the result is summed against φ.
     """
 
     steps: int = 100
@@ -106,16 +107,16 @@ class RungeKuttaFlow:
                 basis.table(ends, horizon, "left"),
             ]
         )  # (3, steps, size)
-        self._step = runge_kutta_step(rate)
-        self._walk = self._step.mapaccum(len(self._h))
+        self._rate = rate
+        self._walk = runge_kutta_step(rate).mapaccum(len(self._h))
+        self._rates = rate.map(len(self._h))
 
     @cached_property
-    def _step_jacobians(self) -> ca.Function:
-        y, h = ca.SX.sym("y", self._step.size1_in(0)), ca.SX.sym("h")
-        u = ca.SX.sym("u", *self._step.size_in(2))
-        after = self._step(y, h, u)
-        jacobian = ca.densify(ca.jacobian(after, ca.vertcat(y, ca.vec(u))))
-        return ca.Function("step_jacobian", [y, h, u], [jacobian]).map(len(self._h))
+    def _linearised(self) -> ca.Function:
+        """(y, u) ↦ [∂f/∂y, ∂f/∂u] at the four stages of every step at once."""
+        y, u = ca.SX.sym("y", self._rate.size1_in(0)), ca.SX.sym("u", self._rate.size1_in(1))
+        jacobian = ca.densify(ca.jacobian(self._rate(y, u), ca.vertcat(y, u)))
+        return ca.Function("linearised", [y, u], [jacobian]).map(4 * len(self._h))
 
     def _stage_controls(self, coefficients: Array) -> Array:
         """u at every stage, m × 3·steps, the three stages of a step side by side."""
@@ -135,17 +136,44 @@ class RungeKuttaFlow:
     def sensitivity(self, start: Array, coefficients: Array) -> tuple[Array, Array]:
         controls = self._stage_controls(coefficients)
         states = self._states(np.asarray(start, dtype=float), controls)
+        by_state, by_controls = self._step_derivatives(states, controls)
         size, inputs = states.shape[1], len(coefficients)
-        steps = np.array(self._step_jacobians(states[:-1].T, self._h[None, :], controls))
-        blocks = steps.reshape(size, len(self._h), size + 3 * inputs)
         onward = np.eye(size)  # dy(T)/dy at the end of the step
-        jacobian = np.zeros((size, inputs, self._stages.shape[2]))
-        gradients = np.empty((len(self._h), size, 3, inputs))
+        gradients = np.empty((len(self._h), size, 3 * inputs))
         for k in range(len(self._h) - 1, -1, -1):
-            product = onward @ blocks[:, k, :]
-            onward, gradients[k] = product[:, :size], product[:, size:].reshape(size, 3, inputs)
-        jacobian = np.einsum("knsm,skj->nmj", gradients, self._stages)
-        return states, jacobian.reshape(size, -1)
+            gradients[k] = onward @ by_controls[k]
+            onward = onward @ by_state[k]
+        stages = gradients.reshape(len(self._h), size, 3, inputs)
+        return states, np.einsum("knsm,skj->nmj", stages, self._stages, optimize=True).reshape(size, -1)
+
+    def _step_derivatives(self, states: Array, controls: Array) -> tuple[Array, Array]:
+        """Derivatives of every step by its first state (steps, n, n) and by its three controls (steps, n, 3 m).
+
+        The scheme is differentiated stage by stage, all steps side by side: K_i = F_i (I + a_i h K_{i-1}), F = ∂f/∂y.
+        """
+        steps, size, inputs = len(self._h), states.shape[1], controls.shape[0]
+        u = controls.reshape(inputs, steps, 3)
+        first, middle, last = (np.ascontiguousarray(u[:, :, j]) for j in range(3))
+        y, h = states[:-1].T, self._h
+        points, slope = [y], y
+        for offset, control in ((0.5, first), (0.5, middle), (1.0, middle)):
+            slope = np.array(self._rates(points[-1], control))
+            points.append(y + offset * h * slope)
+        linear = np.array(self._linearised(np.hstack(points), np.hstack([first, middle, middle, last])))
+        linear = linear.reshape(size, 4, steps, size + inputs).transpose(1, 2, 0, 3)
+        F, B = linear[..., :size], linear[..., size:]
+        step = h[:, None, None]
+        by_state, by_controls = np.zeros((steps, size, size)), np.zeros((steps, size, 3 * inputs))
+        state_slope, control_slope = np.zeros_like(by_state), np.zeros_like(by_controls)
+        for stage, (offset, column, weight) in enumerate(
+            ((0.0, 0, 1), (0.5, 1, 2), (0.5, 1, 2), (1.0, 2, 1))
+        ):
+            state_slope = F[stage] + offset * step * (F[stage] @ state_slope)
+            control_slope = offset * step * (F[stage] @ control_slope)
+            control_slope[:, :, column * inputs : (column + 1) * inputs] += B[stage]
+            by_state += weight * state_slope
+            by_controls += weight * control_slope
+        return np.eye(size) + step / 6 * by_state, step / 6 * by_controls
 
 
 @dataclass(frozen=True)

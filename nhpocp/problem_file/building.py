@@ -32,8 +32,16 @@ AVAILABLE: dict[str, dict[str, str]] = {
         "fourier": "nhpocp.controls.fourier:Fourier",
         "piecewise_constant": "nhpocp.controls.piecewise_constant:PiecewiseConstant",
     },
-    "solvers.jacobian.step_rule": {"euler": "nhpocp.solvers.continuation:Euler"},
-    "solvers.jacobian.inverse": {"moore_penrose": "nhpocp.solvers.generalized_inverses:MoorePenrose"},
+    "solvers.jacobian.step_rule": {
+        "euler": "nhpocp.solvers.step_rules:Euler",
+        "adaptive": "nhpocp.solvers.step_rules:Adaptive",
+        "ode": "nhpocp.solvers.step_rules:Ode",
+    },
+    "solvers.jacobian.inverse": {
+        "moore_penrose": "nhpocp.solvers.generalized_inverses:MoorePenrose",
+        "damped": "nhpocp.solvers.generalized_inverses:Damped",
+        "transpose": "nhpocp.solvers.generalized_inverses:Transpose",
+    },
     "solvers.jacobian.metric": {
         "coefficients": "nhpocp.solvers.generalized_inverses:CoefficientMetric",
         "l2": "nhpocp.solvers.generalized_inverses:L2Metric",
@@ -63,7 +71,6 @@ AVAILABLE: dict[str, dict[str, str]] = {
 }
 # key -> the values that this version can honour
 HONOURED: dict[str, Sequence[Any]] = {
-    "solvers.jacobian.objective": ("none",),
     "solvers.jacobian.starts": (1,),
 }
 
@@ -200,14 +207,16 @@ def _build_jacobian(data: JacobianSettings, _: Any) -> Any:
         if value not in honoured:
             raise InvalidProblemError(_not_available(key, value, honoured), path=key)
     integrator = _available("solvers.jacobian.integrator", data.integrator)
+    rule = _available("solvers.jacobian.step_rule", data.step_rule)
     return Continuation(
-        step_rule=_available("solvers.jacobian.step_rule", data.step_rule)(gamma=data.gamma),
+        step_rule=rule() if data.step_rule == "adaptive" else rule(gamma=data.gamma),
         inverse=_available("solvers.jacobian.inverse", data.inverse)(),
         metric=_available("solvers.jacobian.metric", data.metric)(),
         integrator=integrator(steps=data.steps),
         sensitivity=_available("solvers.jacobian.sensitivity", data.sensitivity),
         tolerance=data.tolerance,
         max_iterations=data.max_iterations,
+        objective=data.objective,
         seed=data.seed,
     )
 

@@ -15,15 +15,24 @@ from typing import Any, ClassVar
 import numpy as np
 
 from nhpocp.arrays import Array
+from nhpocp.flow.cost_map import cost_map
 from nhpocp.flow.end_point_map import DifferentiatedEndPointMap, EndPointMapFactory
 from nhpocp.flow.integrators import Integrator, RungeKutta4
 from nhpocp.flow.simulation import simulate
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Outcome, Progress, Solution
+from nhpocp.solvers.end_point_error import EndPointError
 from nhpocp.solvers.evaluation import Evaluation, Evaluator
-from nhpocp.solvers.generalized_inverses import CoefficientMetric, GeneralizedInverse, Metric, MoorePenrose
+from nhpocp.solvers.generalized_inverses import (
+    CoefficientMetric,
+    GeneralizedInverse,
+    L2Metric,
+    Metric,
+    MoorePenrose,
+)
 from nhpocp.solvers.initial_control import NoStartError, initial_coefficients
 from nhpocp.solvers.interruption import Interruption
+from nhpocp.solvers.null_space import minimise
 from nhpocp.solvers.step_rules import Euler, StepRule
 
 DIVERGED_ABOVE = 1e3  # times (1 + the first error): far outside any workspace
@@ -36,7 +45,8 @@ class Continuation:
     """Solver: drives the end-point error E to zero along (16), one step rule at a time.
 
     ``sensitivity`` makes the end-point map; the default differentiates the integrator, `VariationalEndPointMap`
-    integrates (11)-(12). ``tolerance`` is on E [radians; lengths divided by the problem's error_length].
+    integrates (11)-(12). ``objective``: once the goal is reached, the cost (one of `INTEGRANDS`) that motion in the
+    null space of J then minimises. ``tolerance`` is on E [radians; lengths divided by the problem's error_length].
     """
 
     step_rule: StepRule = field(default_factory=Euler)
@@ -46,6 +56,7 @@ class Continuation:
     sensitivity: EndPointMapFactory = DifferentiatedEndPointMap
     tolerance: float = 1e-3
     max_iterations: int = 500
+    objective: str = "none"
     seed: int = 0
     name: ClassVar[str] = "jacobian"
 
@@ -60,6 +71,7 @@ class Continuation:
             "integrator": self.integrator.kind,
             "steps": getattr(self.integrator, "steps", None),
             "sensitivity": "automatic" if self.sensitivity is DifferentiatedEndPointMap else "variational",
+            "objective": self.objective,
             "seed": self.seed,
         }
 
@@ -84,7 +96,8 @@ class _Run:
         factor = solver.metric.factor(problem.basis, problem.system.input_space.size, self.horizon)
         self.evaluator = Evaluator(problem, self.map, solver.inverse, factor)
         self.records: list[dict[str, Any]] = []
-        self.updates = 0
+        self.updates, self.limit = 0, solver.max_iterations
+        self.details: dict[str, Any] = {}
         self.here: Evaluation | None = None
         self.interruption = Interruption()
         self.build_seconds = perf_counter() - began
@@ -115,14 +128,49 @@ class _Run:
         for current in chain([here], self.solver.step_rule.updates(here, self.evaluate)):
             self.accept(current)
             ended = self.ended(current)
+            if ended and ended[0] is Outcome.CONVERGED and self.solver.objective != "none":
+                return self.minimise(current, ended[1])
             if ended:
                 return ended
         return Outcome.STAGNATED, f"E = {self.records[-1]['error']:.3g}: no step, however short, reduces it"
 
+    def minimise(self, reached: Evaluation, message: str) -> tuple[Outcome, str]:
+        """Least cost without leaving the goal; the better control becomes the current one."""
+        problem, name = self.problem, self.solver.objective
+        basis, inputs = problem.basis, problem.system.input_space.size
+        # coordinates in which the effort is |y|²
+        unscale = np.linalg.inv(L2Metric().factor(basis, inputs, self.horizon).T)
+        cost = cost_map(name, problem, basis, self.horizon, self.solver.integrator)
+
+        def constraint(y: Array) -> tuple[Array, Array] | None:
+            tried = self.evaluate((unscale @ y).reshape(inputs, basis.size), 0.0)
+            if tried.failure or tried.crossing or tried.vector is None:
+                return None
+            return tried.vector, EndPointError(problem, tried.end).jacobian @ unscale
+
+        def cost_of(y: Array) -> tuple[float, Array]:
+            value, gradient = cost((unscale @ y).reshape(inputs, basis.size))
+            return value, gradient @ unscale
+
+        self.limit += self.solver.max_iterations  # bounds each of the two phases
+        first = np.linalg.solve(unscale, reached.coefficients.ravel())
+        try:
+            found = minimise(constraint, cost_of, first, goal=min(1e-7, 1e-3 * self.solver.tolerance))
+        except _LimitReached:
+            return Outcome.CONVERGED, f"{message}; max_iterations ended the search for less {name}"
+        self.accept(self.evaluate((unscale @ found.y).reshape(inputs, basis.size), 0.0))
+        self.details = {
+            "objective_value": found.cost,
+            "optimality": {"stationarity": found.optimality, "feasibility": found.infeasibility},
+            "null_space": found.history,
+        }
+        words = "at" if found.converged else "not at"
+        return Outcome.CONVERGED, f"{message}; {name} {found.cost:.6g} {words} a stationary point"
+
     def evaluate(self, coefficients: Array, gamma: float) -> Evaluation:
         """Where a control leads; every call leaves a record, which counts as refused until it is accepted."""
         self.interruption.check()
-        if len(self.records) > self.solver.max_iterations:
+        if len(self.records) > self.limit:
             raise _LimitReached
         if self.records and not self.records[-1]["accepted"]:
             self.records[-1]["k"] = self.updates  # it was a trial, and refused
@@ -209,5 +257,7 @@ class _Run:
             costs=motion.costs,
             iterations=self.records,
             evaluations=len(self.records),
+            objective=self.solver.objective,
+            details=self.details,
             timing={"build_s": self.build_seconds, "solve_s": seconds},
         )

@@ -150,6 +150,8 @@ class Interval:
     def _make_functions(self, w: ca.SX, parameters: ca.SX, outputs: ca.SX, cost: Any) -> None:
         multipliers, weight = ca.SX.sym("lam", outputs.numel()), ca.SX.sym("sigma")
         cost = ca.SX(cost)
+        # apart, since IPOPT asks for f and for g apart
+        self.cost = ca.Function("cost", [w, parameters], [cost])
         self.value = ca.Function("value", [w, parameters], [cost, ca.densify(outputs)])
         gradient = ca.densify(ca.gradient(cost, w))
         self.gradient = ca.Function("gradient", [w, parameters], [cost, gradient])
@@ -282,7 +284,10 @@ class Transcription:
         after = ca.horzcat(stages[:n, 1:], x[N * self.stage :])
         parameters = ca.DM(self.parameters)
         interval = self.interval
-        costs, values = interval.value.map(N)(stages, parameters)
+        costs, (_, values) = (
+            interval.cost.map(N)(stages, parameters),
+            interval.value.map(N)(stages, parameters),
+        )
         f, g = ca.sum2(costs), self._constraints(values, after, stages, x)
         _, gradients = interval.gradient.map(N)(stages, parameters)
         gradient = ca.vertcat(ca.vec(gradients), ca.DM.zeros(n))

@@ -1,0 +1,104 @@
+"""Controls in sequence: one basis after another, each on its own part of the horizon."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import accumulate
+from typing import Any, ClassVar, Self
+
+import numpy as np
+
+from nhpocp.arrays import Array, namespace
+from nhpocp.controls.basis import ControlBasis, Side
+from nhpocp.controls.control import Control
+from nhpocp.controls.fourier import Fourier
+from nhpocp.controls.piecewise_constant import PiecewiseConstant
+
+PIECES: dict[str, type[Any]] = {"fourier": Fourier, "piecewise_constant": PiecewiseConstant}
+
+
+@dataclass(frozen=True)
+class SequenceBasis(ControlBasis):
+    """The functions of ``bases`` one after another, those of piece i being zero outside its share of [0, T]."""
+
+    bases: tuple[ControlBasis, ...]
+    shares: tuple[float, ...]  # of the horizon, adding up to 1
+    kind: ClassVar[str] = "sequence"
+
+    @property
+    def size(self) -> int:
+        return sum(basis.size for basis in self.bases)
+
+    @property
+    def labels(self) -> list[str]:
+        return [f"piece{i}.{label}" for i, basis in enumerate(self.bases, 1) for label in basis.labels]
+
+    def knots(self, horizon: float) -> Array:
+        """Where the pieces begin and end, pieces + 1 times."""
+        return horizon * np.array([0.0, *accumulate(self.shares[:-1]), 1.0])
+
+    def values(self, time: Array, horizon: float) -> Array:
+        xp, knots = namespace(time), self.knots(horizon)
+        parts = []
+        for i, basis in enumerate(self.bases):
+            after = xp.where(time >= knots[i], 1.0, 0.0) if i else 1.0
+            before = xp.where(time < knots[i + 1], 1.0, 0.0) if i + 1 < len(self.bases) else 1.0
+            parts.append(after * before * basis.values(time - knots[i], knots[i + 1] - knots[i]))
+        return xp.concatenate(parts)
+
+    def table(self, times: Array, horizon: float, side: Side = "right") -> Array:
+        times, knots = np.asarray(times, dtype=float), self.knots(horizon)
+        nearest = knots[np.abs(times[:, None] - knots).argmin(axis=1)]
+        times = np.where(np.abs(times - nearest) < 1e-9 * horizon, nearest, times)
+        place = np.searchsorted(knots, times, side="right" if side == "right" else "left") - 1
+        place = np.clip(place, 0, len(self.bases) - 1)
+        table, first = np.zeros((len(times), self.size)), 0
+        for i, basis in enumerate(self.bases):
+            mine = place == i
+            columns = slice(first, first + basis.size)
+            table[mine, columns] = basis.table(times[mine] - knots[i], knots[i + 1] - knots[i], side)
+            first += basis.size
+        return table
+
+    def gram(self, horizon: float) -> Array:
+        gram, first = np.zeros((self.size, self.size)), 0
+        for basis, share in zip(self.bases, self.shares, strict=True):
+            part = slice(first, first + basis.size)
+            gram[part, part] = basis.gram(share * horizon)
+            first += basis.size
+        return gram
+
+    def breakpoints(self, horizon: float) -> Array:
+        knots = self.knots(horizon)
+        inner = [knots[i] + basis.breakpoints(knots[i + 1] - knots[i]) for i, basis in enumerate(self.bases)]
+        return np.sort(np.concatenate([knots[1:-1], *inner]))
+
+    def parameters(self) -> dict[str, Any]:
+        return {"bases": self.bases, "shares": self.shares}
+
+    @classmethod
+    def from_json(cls, data: Mapping[str, Any]) -> tuple[Self, Array]:
+        pieces = []
+        for piece in data["pieces"]:
+            basis, coefficients = PIECES[piece["basis"]].from_json(piece)
+            pieces.append(Control(basis, coefficients, piece["horizon"]))
+        joined = join(pieces)
+        basis = joined.basis
+        return cls(basis.bases, basis.shares), joined.coefficients  # type: ignore[attr-defined]
+
+    def to_json(self, coefficients: Array, horizon: float) -> dict[str, Any]:
+        pieces, first, coefficients = [], 0, np.asarray(coefficients)
+        for basis, share in zip(self.bases, self.shares, strict=True):
+            pieces.append(basis.to_json(coefficients[:, first : first + basis.size], share * horizon))
+            first += basis.size
+        return {"basis": self.kind, "horizon": horizon, "pieces": pieces}
+
+
+def join(pieces: Sequence[Control]) -> Control:
+    """One control that does these, one after another; its horizon is the sum of theirs."""
+    horizon = sum(piece.horizon for piece in pieces)
+    basis = SequenceBasis(
+        tuple(piece.basis for piece in pieces), tuple(piece.horizon / horizon for piece in pieces)
+    )
+    return Control(basis, np.hstack([piece.coefficients for piece in pieces]), horizon)
