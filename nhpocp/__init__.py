@@ -4,6 +4,9 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from nhpocp.comparison import Comparison as Comparison
+    from nhpocp.comparison import Run as Run
+    from nhpocp.comparison import compare as compare
     from nhpocp.controls.control import Control as Control
     from nhpocp.controls.fourier import Fourier as Fourier
     from nhpocp.errors import InvalidProblemError as InvalidProblemError
@@ -24,6 +27,7 @@ if TYPE_CHECKING:
     from nhpocp.solvers.generalized_inverses import CoefficientMetric as CoefficientMetric
     from nhpocp.solvers.generalized_inverses import L2Metric as L2Metric
     from nhpocp.solvers.generalized_inverses import MoorePenrose as MoorePenrose
+    from nhpocp.solvers.multiple_shooting import MultipleShooting as MultipleShooting
     from nhpocp.solvers.step_rules import Adaptive as Adaptive
     from nhpocp.solvers.step_rules import Euler as Euler
     from nhpocp.solvers.step_rules import Ode as Ode
@@ -32,6 +36,7 @@ if TYPE_CHECKING:
     from nhpocp.systems.three_upu import Leg as Leg
     from nhpocp.systems.three_upu import ThreeUPU as ThreeUPU
     from nhpocp.verification import verify as verify
+    from nhpocp.views.report import write_report as write_report
 
 __version__ = "0.1.0"
 
@@ -39,6 +44,7 @@ _HOMES = {
     "Adaptive": "solvers.step_rules",
     "CasadiRungeKutta": "flow.integrators",
     "CoefficientMetric": "solvers.generalized_inverses",
+    "Comparison": "comparison",
     "Continuation": "solvers.continuation",
     "Control": "controls.control",
     "Cvodes": "flow.integrators",
@@ -49,21 +55,25 @@ _HOMES = {
     "L2Metric": "solvers.generalized_inverses",
     "Leg": "systems.three_upu",
     "MoorePenrose": "solvers.generalized_inverses",
+    "MultipleShooting": "solvers.multiple_shooting",
     "NhpocpError": "errors",
     "Ode": "solvers.step_rules",
     "Outcome": "solution",
     "PlanningProblem": "problem",
+    "Run": "comparison",
     "RungeKutta4": "flow.integrators",
     "Solution": "solution",
     "StateSpace": "state_space",
     "System": "systems.system",
     "ThreeUPU": "systems.three_upu",
     "Verdict": "solution",
+    "compare": "comparison",
     "load_problem": "problem_file",
     "load_solution": "solution_folder",
     "save_solution": "solution_folder",
     "solve": "planning",
     "verify": "verification",
+    "write_report": "views.report",
 }
 __all__ = ["__version__", *_HOMES]
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from typing import Any
 
 import casadi as ca
@@ -13,8 +12,7 @@ from nhpocp.solution_folder import environment
 def diagnose() -> dict[str, Any]:
     """Versions and the parts that were found by asking for them."""
     return {
-        **{name: value for name, value in environment().items() if value is not None},
+        **{name: value for name, value in environment().items() if name != "plugin"},
         "integrators": [name for name in ("rk", "cvodes") if ca.has_integrator(name)],
         "nlp solvers": [name for name in ("ipopt", "fatrop") if ca.has_nlpsol(name)],
-        "compiler": next((path for name in ("cc", "gcc", "clang") if (path := shutil.which(name))), "none"),
     }

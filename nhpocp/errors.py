@@ -7,8 +7,8 @@ class NhpocpError(Exception):
     """Base of every error that nhpocp raises on purpose."""
 
 
-class InvalidProblemError(NhpocpError, ValueError):
-    """A problem, a setting or a file that cannot be used as it stands.
+class LocatedError(NhpocpError, ValueError):
+    """Something wrong at a place.
 
     ``file``, ``line``, ``column`` (both from 1) and ``path`` (dotted key) say where, as far as they are known.
     """
@@ -30,11 +30,15 @@ class InvalidProblemError(NhpocpError, ValueError):
         return ": ".join(part for part in (place, self.path, self.message) if part)
 
 
+class InvalidProblemError(LocatedError):
+    """A problem, a setting or a file that cannot be used as it stands."""
+
+
 class OrientationAtPiError(NhpocpError, ValueError):
     """The logarithm of a half turn: its axis has two signs, so the error of orientation has no direction."""
 
 
-class UnreadableSolutionError(NhpocpError, ValueError):
+class UnreadableSolutionError(LocatedError):
     """A folder that is not a solution folder, or one that was damaged."""
 
 

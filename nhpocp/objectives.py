@@ -38,10 +38,14 @@ def quantity(system: System, name: str, state: Array, control: Array) -> Array:
     inputs = system.input_space.unpack(control)
     if name in inputs:
         return inputs[name]
-    values = {**system.state_space.unpack(state), **system.outputs(state, control)}
-    if name not in values:
-        raise InvalidProblemError(f"no quantity {name!r} here; there are {', '.join([*inputs, *values])}")
-    return values[name]
+    values = system.state_space.unpack(state)
+    if name in values:
+        return values[name]
+    try:
+        return system.output(name, state, control)
+    except KeyError:
+        known = [*inputs, *values, *system.outputs(state, control)]
+        raise InvalidProblemError(f"no quantity {name!r} here; there are {', '.join(known)}") from None
 
 
 def available(system: System) -> list[str]:

@@ -2,13 +2,23 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
+
+from nhpocp import planning, verification
+from nhpocp.cli import verbs
+from nhpocp.cli.entry import status
+from nhpocp.solution import Outcome
+from nhpocp.solution_folder import load_solution
+from nhpocp.views import figures
 
 PROBLEMS = Path(__file__).parents[1] / "problems"
 FAST = ["--set", "solvers.jacobian.gamma=1", "--set", "output.pictures=false"]
@@ -133,6 +143,50 @@ def test_folder_below_a_file_exits_2(tmp_path):
     assert "cannot write here" in done.stderr
 
 
+def test_what_cannot_be_written_is_said_before_the_solve(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(planning, "solve", lambda *_: pytest.fail("solved in vain"))
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "thesis.tex").write_text("years of work")
+    monkeypatch.chdir(tmp_path / "mine")
+    for folder in ("../mine", "thesis.tex", "thesis.tex/out", "x" * 300):
+        assert status(["solve", str(PROBLEMS / "paper.yaml"), "-o", folder]) == 2
+        assert f"{folder}: " in capsys.readouterr().err
+    (tmp_path / "empty").mkdir()
+    monkeypatch.chdir(tmp_path / "empty")
+    assert status(["solve", str(PROBLEMS / "paper.yaml"), "-o", "."]) == 2
+    assert ".: this is the current folder" in capsys.readouterr().err
+    assert list((tmp_path / "empty").iterdir()) == []
+
+
+BELOW = ["--set", "goal={position: [0.3, 0.2, -35], orientation: {rpy: [0, 0, -pi/6]}}"]
+ENDINGS = {
+    Outcome.CONVERGED: [],
+    Outcome.OTHER_COMPONENT: BELOW,
+    Outcome.ITERATION_LIMIT: ["--set", "solvers.jacobian.max_iterations=1"],
+    Outcome.CONSTRAINT_VIOLATED: ["--set", "constraints.leg_speed=1"],
+    Outcome.SINGULAR_S: ["--set", "control.initial=[[0,0,0,0,0], [0,0,0,0,0], [99,99,99,0,0]]"],
+}
+
+
+@pytest.mark.parametrize("outcome", ENDINGS, ids=lambda outcome: outcome.value)
+def test_every_ending_is_reported_in_words_and_in_json(outcome, tmp_path, capsys):
+    arguments = ["solve", str(PROBLEMS / "paper.yaml"), *FAST, *ENDINGS[outcome], "-o", str(tmp_path / "out")]
+    assert status(arguments) == (outcome is not Outcome.CONVERGED)
+    text = capsys.readouterr().out
+    assert f"paper (jacobian): {outcome.value}" in text
+    assert f"written: {tmp_path / 'out'}" in text
+    assert status([*arguments, "--json"]) == (outcome is not Outcome.CONVERGED)
+    assert json.loads(capsys.readouterr().out)["outcome"] == outcome.value
+
+
+def test_a_report_needs_neither_times_nor_a_verdict(solved, capsys):
+    solution = load_solution(solved[0])
+    verbs.report(replace(solution, verdict=None, timing={}), Path("out"))
+    said = capsys.readouterr().out
+    assert "build" not in said
+    assert "effort" in said
+
+
 def test_verify_confirms_and_refutes(solved, tmp_path):
     folder, _ = solved
     assert run("verify", folder, cwd=tmp_path).returncode == 0
@@ -151,6 +205,27 @@ def test_verify_confirms_and_refutes(solved, tmp_path):
     assert run("verify", tmp_path, cwd=tmp_path).returncode == 2
 
 
+@pytest.mark.parametrize("verb", ["verify", "plot"])
+def test_damaged_folders_exit_2(verb, solved, tmp_path, capsys):
+    folder = Path(shutil.copytree(solved[0], tmp_path / "copy"))
+    stored = json.loads((folder / "solution.json").read_text())
+    damages = {
+        "solution.json": [b"", b"[" * 100_000, json.dumps({**stored, "tolerance": 1e9}).encode()],
+        "arrays.npz": [b"PK", (folder / "arrays.npz").read_bytes()[:-100]],
+        "problem.yaml": [b"nhpocp: [1"],
+    }
+    for name, contents in damages.items():
+        good = (folder / name).read_bytes()
+        for content in contents:
+            (folder / name).write_bytes(content)
+            assert status([verb, str(folder), "--json"]) == 2
+            said = capsys.readouterr()
+            assert json.loads(said.out)["error"]["file"] == str(folder / name)
+            assert str(folder / name) in said.err
+        (folder / name).write_bytes(good)
+    assert status([verb, str(tmp_path / "missing")]) == 2
+
+
 def test_plot_draws_into_the_folder(solved, tmp_path):
     folder, _ = solved
     done = run("plot", folder, "--json", cwd=tmp_path)
@@ -158,6 +233,48 @@ def test_plot_draws_into_the_folder(solved, tmp_path):
     pictures = json.loads(done.stdout)["pictures"]
     assert len(pictures) >= 5
     assert all(Path(picture).stat().st_size > 1000 for picture in pictures)
+
+
+def test_plot_without_room_exits_2(solved, tmp_path):
+    folder = Path(shutil.copytree(solved[0], tmp_path / "copy"))
+    (folder / "controls.svg").unlink(missing_ok=True)
+    (folder / "controls.svg").mkdir()
+    done = run("plot", folder, "--json", cwd=tmp_path)
+    assert done.returncode == 2
+    assert json.loads(done.stdout)["error"]["message"] == "cannot write here: Is a directory"
+    assert done.stderr == f"{folder}: cannot write here: Is a directory\n"
+
+
+@pytest.mark.parametrize("verb", ["systems", "schema", "doctor", "check", "verify", "plot", "init", "solve"])
+def test_errors_of_the_operating_system_exit_2(verb, monkeypatch, capsys):
+    """Whatever the verb meets that nobody foresaw, such as a folder that vanishes under it."""
+
+    def vanish(*_, **__):
+        raise FileNotFoundError(2, "No such file or directory", "gone")
+
+    monkeypatch.setattr(verbs.cli.commands[verb], "callback", vanish)
+    needed = {"check": ["x.yaml"], "verify": ["x"], "plot": ["x"], "solve": ["x.yaml"]}.get(verb, [])
+    assert status([verb, *needed, "--json"]) == 2
+    said = capsys.readouterr()
+    place = {"file": "gone", "line": None, "column": None, "path": None}
+    assert json.loads(said.out)["error"] == {**place, "message": "No such file or directory"}
+    assert said.err == "gone: No such file or directory\n"
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a file that is always full")
+def test_a_full_standard_output_exits_2(tmp_path):
+    for arguments in (["systems"], ["systems", "--json"], ["check", str(PROBLEMS / "paper.yaml")]):
+        code = f"import sys; sys.argv[1:] = {arguments!r}\nfrom nhpocp.cli import main\nmain()"
+        with open("/dev/full", "w") as full:
+            done = subprocess.run(
+                [sys.executable, "-c", code],
+                cwd=tmp_path,
+                stdout=full,
+                stderr=subprocess.PIPE,
+                text=True,
+                check=False,
+            )
+        assert (done.returncode, done.stderr) == (2, "No space left on device\n")
 
 
 def test_check_names_every_file(tmp_path):
@@ -199,43 +316,134 @@ def test_systems_schema_doctor(tmp_path):
     systems = json.loads(run("systems", "--json", cwd=tmp_path).stdout)
     assert "base_radius" in systems["three_upu"]["defaults"]
     assert "three_upu" in run("systems", cwd=tmp_path).stdout
-    assert json.loads(run("schema", cwd=tmp_path).stdout)["type"] == "object"
+    schema = run("schema", cwd=tmp_path).stdout
+    assert json.loads(schema)["type"] == "object"
+    assert run("schema", "--json", cwd=tmp_path).stdout == schema
     doctor = json.loads(run("doctor", "--json", cwd=tmp_path).stdout)
     assert "ipopt" in doctor["nlp solvers"]
     assert doctor["casadi"]
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_an_interrupted_solve_leaves_a_readable_folder(number, tmp_path):
-    """Slow on purpose: γ = 1e-4 would need 100 000 updates."""
+def test_every_verb_takes_json():
+    for name, verb in verbs.cli.commands.items():
+        assert "--json" in [option for parameter in verb.params for option in parameter.opts], name
+
+
+# --- stopped by hand -------------------------------------------------------------------------------------------------
+
+
+def raising(function, times=1):
+    """The same function, with Ctrl-C pressed as it begins."""
+
+    def pressed(*arguments, **options):
+        for _ in range(times):
+            signal.raise_signal(signal.SIGINT)
+        return function(*arguments, **options)
+
+    return pressed
+
+
+SOLVE = ["solve", str(PROBLEMS / "paper.yaml"), *FAST]
+
+
+@pytest.mark.parametrize(
+    ("room", "name", "times", "outcome"),
+    [
+        (planning, "solve", 1, "interrupted"),  # before the first evaluation
+        (planning, "verify", 1, "converged"),
+        (verbs, "_write", 3, "converged"),
+        (figures, "write_pictures", 3, "converged"),
+        (np, "savez_compressed", 3, "converged"),
+        (shutil, "rmtree", 3, "converged"),  # as the last thing, when the folder is in its place
+        (verbs, "report", 3, "converged"),
+    ],
+)
+def test_ctrl_c_at_any_stage_leaves_a_folder(room, name, times, outcome, tmp_path, monkeypatch, capsys):
+    pictures = ["--set", "output.pictures=true"] if room is figures else []
+    monkeypatch.setattr(room, name, raising(getattr(room, name), times))
+    assert status([*SOLVE, *pictures, "-o", str(tmp_path / "out")]) == (outcome != "converged")
+    assert load_solution(tmp_path / "out").outcome.value == outcome
+    assert outcome in capsys.readouterr().out
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+    assert (tmp_path / "out" / "robot.png").exists() == bool(pictures)
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_ctrl_c_before_the_solve_leaves_nothing(tmp_path, monkeypatch, capsys):
+    from nhpocp import problem_file
+
+    monkeypatch.setattr(problem_file, "load_problem", raising(problem_file.load_problem), raising=False)
+    assert status([*SOLVE, "-o", str(tmp_path / "out"), "--json"]) == 1
+    said = capsys.readouterr()
+    assert "stopped by hand" in said.err
+    assert "stopped by hand" in json.loads(said.out)["error"]["message"]
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_second_ctrl_c_ends_a_verification(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(planning, "verify", raising(verification.verify, 2))
+    assert status([*SOLVE, "-o", str(tmp_path / "out")]) == 1
+    assert "stopped by hand" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+SLOW = ["--set", "solvers.jacobian.gamma=1e-4", "--set", "solvers.jacobian.max_iterations=100000"]
+
+
+def interrupted(cwd, seconds, *arguments, number=signal.SIGINT):
+    """A solve into the folder `out` that gets a signal after so much processor time; (exit status, messages)."""
+    program = [sys.executable, "-c", "from nhpocp.cli import main; main()"]
     process = subprocess.Popen(
-        [
-            *(
-                sys.executable,
-                "-c",
-                "from nhpocp.cli import main; main()",
-                "solve",
-                str(PROBLEMS / "paper.yaml"),
-            ),
-            *("--set", "solvers.jacobian.gamma=1e-4", "--set", "solvers.jacobian.max_iterations=100000"),
-            *("--set", "output.pictures=false", "-o", "out"),
-        ],
-        cwd=tmp_path,
+        [*program, "solve", str(PROBLEMS / "paper.yaml"), *arguments, "-o", "out"],
+        cwd=cwd,
+        stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
         text=True,
     )
-    # the kernel hides the loop's start from us: by 4 s of processor time the imports are over
-    while process.poll() is None and _processor_seconds(process.pid) < 4:
-        time.sleep(0.1)
+    while process.poll() is None and _processor_seconds(process.pid) < seconds:
+        time.sleep(0.02)
     process.send_signal(number)
-    _, messages = process.communicate(timeout=60)
-    assert process.returncode == 1, messages
+    _, messages = process.communicate(timeout=120)
+    return process.returncode, messages
+
+
+def _processor_seconds(pid):
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+needs_proc = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="reads processor times there")
+
+
+@needs_proc
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_solve_leaves_a_readable_folder(number, tmp_path):
+    """Slow on purpose: γ = 1e-4 would need 100 000 updates. By 4 s of processor time the imports are over."""
+    code, messages = interrupted(tmp_path, 4, *SLOW, "--set", "output.pictures=false", number=number)
+    assert code == 1, messages
     data = json.loads((tmp_path / "out" / "solution.json").read_text())
     assert data["outcome"] == "interrupted"
     assert data["evaluations"] > 1
     assert run("verify", "out", cwd=tmp_path).returncode == 1
 
 
-def _processor_seconds(pid):
-    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+@needs_proc
+@pytest.mark.parametrize(
+    ("problem", "seconds"),
+    [
+        *(("fast", seconds) for seconds in (0.2, 0.6, 0.9, 1.3, 1.8, 2.5)),
+        *(("slow", seconds) for seconds in (0.6, 1.0, 1.5)),
+    ],
+)
+def test_ctrl_c_at_any_time(problem, seconds, tmp_path):
+    """Ends with a folder, or before anything had been evaluated; machines differ in when that is."""
+    code, messages = interrupted(tmp_path, seconds, *(FAST[:2] if problem == "fast" else [*SLOW, *FAST[2:]]))
+    if not (tmp_path / "out").exists():
+        assert code in (1, -signal.SIGINT), messages  # the latter while Python itself still starts
+        assert list(tmp_path.iterdir()) == []
+        assert "SystemError" not in messages
+        return
+    solution = load_solution(tmp_path / "out")
+    assert solution.outcome.value in ("interrupted", *(["converged"] if problem == "fast" else []))
+    assert code in (0 if solution.converged else 1, -signal.SIGINT), messages  # or at Python's very end
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]

@@ -11,12 +11,12 @@ import pytest
 
 ROOT = Path(__file__).parents[1] / "nhpocp"
 FLOORS = {
-    0: ("arrays", "errors", "so3", "state_space"),
+    0: ("arrays", "errors", "machine", "so3", "state_space"),
     1: ("systems", "controls"),
     2: ("flow", "solution", "problem", "constraints", "objectives"),
     3: ("solvers",),
     4: ("planning", "verification", "comparison", "analysis", "views"),
-    5: ("problem_file", "solution_folder", "sweep", "diagnosis"),
+    5: ("problem_file", "solution_folder", "comparison_folder", "sweep", "diagnosis"),
     6: ("cli",),
 }
 CHAINS = [  # inside a floor: a group may import the groups to its right, never those to its left
@@ -27,12 +27,13 @@ CHAINS = [  # inside a floor: a group may import the groups to its right, never 
     ["solution", "problem", "constraints objectives"],
     ["solvers.strategies", "solvers.continuation solvers.multiple_shooting", "solvers.generalized_inverses"],
     ["comparison", "planning", "verification"],
-    ["sweep diagnosis", "problem_file solution_folder"],
+    ["sweep diagnosis comparison_folder", "problem_file solution_folder"],
 ]
 ROOMS = {
     "matplotlib": ("views",),
     "mpl_toolkits": ("views",),
     "plotly": ("views",),
+    "jinja2": ("views",),
     "dask": ("sweep",),
     "distributed": ("sweep",),
     "ruamel": ("problem_file", "solution_folder"),

@@ -20,6 +20,7 @@ from nhpocp import so3
 from nhpocp.constraints import Bound
 from nhpocp.controls.fourier import Fourier
 from nhpocp.errors import InvalidProblemError
+from nhpocp.flow.integrators import Cvodes
 from nhpocp.problem import Horizon, PlanningProblem
 from nhpocp.problem_file import (
     build_solver,
@@ -35,6 +36,8 @@ from nhpocp.problem_file import (
 )
 from nhpocp.problem_file.document import parse
 from nhpocp.problem_file.numbers import parse_number
+from nhpocp.solvers.continuation import Continuation
+from nhpocp.solvers.step_rules import Euler
 from nhpocp.systems.three_upu import ThreeUPU
 
 ROOT = Path(__file__).parent.parent
@@ -430,6 +433,64 @@ def test_solver_settings_survive_and_a_file_keeps_its_own_text() -> None:
     assert dump_problem(problem) == problem.source
     again = parse_problem(dump_problem(dataclasses.replace(problem, source=None)))
     assert again.solvers["jacobian"].settings() == problem.solvers["jacobian"].settings()
+
+
+ELSEWHERE = {"position": [-0.4, -0.2, 34], "orientation": np.eye(3)}
+CHANGES = {
+    "start": {"start": ELSEWHERE},
+    "goal": {"goal": {"position": [0, 0, 30]}},
+    "system": {"system": ThreeUPU(base_radius=31)},
+    "initial": {"initial": np.ones((3, 5))},
+    "automatic": {"initial": None},
+    "basis": {"basis": Fourier(1), "initial": None},
+    "bounds": {"bounds": [Bound("leg_length", "leg_lengths", 20.0, 60.0)]},
+    "horizon": {"horizon": Horizon(2.0)},
+    "objective": {"objective": "leg_effort"},
+    "error_length": {"error_length": 10.0},
+    "length_scale": {"length_scale": 10.0},
+    "name": {"name": "another"},
+    "samples": {"samples": 11},
+    "solvers": {"solvers": {"jacobian": Continuation(tolerance=1e-5)}},
+}
+
+
+@pytest.mark.parametrize("change", CHANGES.values(), ids=CHANGES)
+def test_a_problem_changed_since_it_was_read_is_written_as_it_is(change) -> None:
+    problem = dataclasses.replace(load_problem(PAPER), **change)
+    again = parse_problem(dump_problem(problem))
+    settings = {name: solver.settings() for name, solver in again.solvers.items()}
+    written, expected = (dataclasses.replace(x, source=None) for x in (again, problem))
+    assert dump_problem(written) == dump_problem(expected, settings)
+    assert dump_problem(written) != dump_problem(dataclasses.replace(load_problem(PAPER), source=None))
+    for name, solver in problem.solvers.items():
+        assert settings[name] == solver.settings()
+
+
+def test_a_name_that_came_from_the_file_name_is_written_into_the_text(tmp_path) -> None:
+    file = tmp_path / "mine.yaml"
+    file.write_text(MINIMAL + "# a remark\n")
+    text = dump_problem(load_problem(file))
+    assert parse_problem(text).name == "mine"
+    assert "# a remark" in text
+
+
+def test_settings_given_for_a_solver_are_written() -> None:
+    problem = load_problem(PAPER)
+    used = Continuation(step_rule=Euler(0.5), integrator=Cvodes(), tolerance=1e-4)
+    again = parse_problem(dump_problem(problem, {"jacobian": used.settings()}))
+    assert again.solvers["jacobian"].settings() == used.settings()
+    assert again.solvers["nlp"].settings() == problem.solvers["nlp"].settings()
+    assert dump_problem(problem, {"jacobian": problem.solvers["jacobian"].settings()}) == problem.source
+
+
+def test_settings_without_a_word_stay_behind() -> None:
+    settings = {**Continuation(tolerance=1e-4).settings(), "step_rule": "hasty", "patience": 3}
+    for text in (
+        dump_problem(load_problem(PAPER), {"jacobian": settings, "mine": {"tolerance": 1}}),
+        dump_problem(parse_problem(MINIMAL), {"jacobian": settings}),
+    ):
+        solver = parse_problem(text).solvers["jacobian"]
+        assert (solver.tolerance, solver.step_rule.kind) == (1e-4, "euler")
 
 
 def test_a_bound_without_a_word_is_refused() -> None:

@@ -8,23 +8,20 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
-from hypothesis import strategies as st
 
 from nhpocp import so3
 from nhpocp.arrays import cross
 from nhpocp.constraints import Bound
 from nhpocp.controls.control import Control
 from nhpocp.controls.fourier import Fourier
+from nhpocp.controls.piecewise_constant import PiecewiseConstant
 from nhpocp.problem import PlanningProblem, Via
 from nhpocp.solution import Outcome, Solution
 from nhpocp.state_space import StateSpace, scalar
 from nhpocp.systems.numeric import NumericSystem
 from nhpocp.systems.system import System
 from nhpocp.systems.three_upu import Leg, ThreeUPU
-from nhpocp.verification import geometry, verify
-from nhpocp.verification.crossings import sign_changes
-from nhpocp.verification.replay import integrate, sample
+from nhpocp.verification import verify
 
 START = {"position": [0, 0, 25], "orientation": so3.from_rpy(np.array([0, 0, -np.pi / 6]))}
 GOAL = {"position": [-0.4, -0.2, 35], "orientation": so3.from_rpy(np.array([0, 0, -np.pi / 2]))}
@@ -46,18 +43,20 @@ def stored(problem: PlanningProblem, control: Control, tolerance: float) -> Solu
     """A claim as a solver makes it, its trajectory from another integrator than verification's."""
     numeric = NumericSystem(problem.system)
     rate, times = numeric.rate_function, np.linspace(0, control.horizon, 41)
-    state, states, steps = problem.start_point, [problem.start_point], 20
-    h = control.horizon / (steps * (len(times) - 1))
-    values = control(np.linspace(0, control.horizon, 2 * steps * (len(times) - 1) + 1))
-    for k in range(steps * (len(times) - 1)):  # the classical Runge-Kutta method
-        first, middle, last = values[2 * k : 2 * k + 3]
+    knots = np.union1d(np.linspace(0, control.horizon, 801), control.breakpoints)
+    middles = 0.5 * (knots[:-1] + knots[1:])
+    inputs = control(knots[:-1]), control(middles), control(knots[1:], "left")
+    state, states = problem.start_point, [problem.start_point]
+    for h, first, middle, last in zip(
+        np.diff(knots), *inputs, strict=True
+    ):  # the classical Runge-Kutta method
         k1 = _flat(rate(state, first))
         k2 = _flat(rate(state + h / 2 * k1, middle))
         k3 = _flat(rate(state + h / 2 * k2, middle))
         state = state + h / 6 * (k1 + 2 * k2 + 2 * k3 + _flat(rate(state + h * k3, last)))
-        if (k + 1) % steps == 0:
-            states.append(state)
-    trajectory = {"t": times, **numeric.trajectory(np.array(states), control(times), problem.scale)}
+        states.append(state)
+    states = np.array(states)[np.searchsorted(knots, times - 1e-9 * control.horizon)]
+    trajectory = {"t": times, **numeric.trajectory(states, control(times), problem.scale)}
     return Solution(
         problem=problem,
         solver="test",
@@ -118,8 +117,28 @@ def test_original_form_is_replayed_as_it_stands():
     assert max(verdict.rolling, verdict.leg_rate) < 1e-8
 
 
-def test_perturbed_coefficient_fails():
-    claim = paper(ThreeUPU(), SOLVED)
+def steps(intervals: int) -> np.ndarray:
+    """The paper's Λ₀ held at its value in the middle of every interval."""
+    return Control(Fourier(2), PAPER_INITIAL)((np.arange(intervals) + 0.5) / intervals).T
+
+
+@pytest.mark.parametrize("intervals", [1, 7, 100])
+def test_honest_piecewise_constant_control_passes(intervals):
+    verdict = verify(honest(ThreeUPU(), steps(intervals), basis=PiecewiseConstant(intervals)))
+    assert verdict.ok, verdict.reasons
+    assert verdict.error < 1e-9
+    assert max(verdict.rolling, verdict.leg_rate) < 1e-8
+    assert verdict.original.ok
+    assert verdict.original.agreement < 1e-8
+
+
+@pytest.mark.parametrize(
+    ("basis", "coefficients"),
+    [(Fourier(2), SOLVED), (PiecewiseConstant(10), Control(Fourier(2), SOLVED)(np.arange(10) / 10 + 0.05).T)],
+    ids=lambda value: getattr(value, "kind", ""),
+)
+def test_perturbed_coefficient_fails(basis, coefficients):
+    claim = honest(ThreeUPU(), coefficients, basis=basis)
     coefficients = claim.control.coefficients.copy()
     coefficients[0, 1] += 0.05
     verdict = verify(replace(claim, control=replace(claim.control, coefficients=coefficients)))
@@ -148,6 +167,16 @@ def _turn(trajectory):
         (lambda trajectory: {**trajectory, "position": trajectory["position"] * np.nan}, "not finite"),
         (lambda trajectory: {**trajectory, "t": trajectory["t"][:-1]}, "different lengths"),
         (lambda trajectory: {**trajectory, "u": 1.01 * trajectory["u"]}, "stored u is off"),
+        (lambda trajectory: {**trajectory, "u": trajectory["u"][:, :2]}, "stored u is of shape"),
+        (lambda trajectory: {**trajectory, "u": trajectory["u"][:-1]}, "stored u is of shape"),
+        (
+            lambda trajectory: {**trajectory, "position": trajectory["position"][:, :2]},
+            "stored position is of",
+        ),
+        (
+            lambda trajectory: {**trajectory, "joint_angles": trajectory["joint_angles"] + 3e-4},
+            "joint_angles is off",
+        ),
         (lambda trajectory: {"t": trajectory["t"]}, "no stored trajectory"),
     ],
 )
@@ -156,6 +185,41 @@ def test_tampered_trajectory_fails(tamper, said):
     verdict = verify(replace(claim, trajectory=tamper(claim.trajectory)))
     assert not verdict.ok
     assert any(said in reason for reason in verdict.reasons), verdict.reasons
+
+
+def test_angles_are_compared_the_shorter_way_round():
+    claim = paper(ThreeUPU(), SOLVED)
+    angles = claim.trajectory["joint_angles"].copy()
+    angles[::2] += 2 * np.pi
+    angles[1::4] -= 2 * np.pi
+    verdict = verify(replace(claim, trajectory={**claim.trajectory, "joint_angles": angles}))
+    assert verdict.ok, verdict.reasons
+
+
+def in_metres(share: float) -> Solution:
+    """An honest run of the default robot with every length, and the one worth a radian, multiplied by ``share``."""
+    robot = ThreeUPU(base_radius=30 * share, platform_radius=15 * share)
+    start, goal = ({**pose, "position": share * np.array(pose["position"])} for pose in (START, GOAL))
+    problem = PlanningProblem(system=robot, start=start, goal=goal, error_length=share)
+    return stored(problem, problem.control(np.array(SOLVED)), 1e-2)
+
+
+@pytest.mark.parametrize("share", [1e-3, 1e3])
+@pytest.mark.parametrize("name", ["u", "leg_lengths", "sigma_s", "sigma_w", "det_s", "det_w"])
+def test_every_quantity_is_held_to_its_own_scale(share, name):
+    claim = in_metres(share)
+    assert verify(claim).ok
+    values = claim.trajectory[name].copy()
+    values[11] += 3e-4 * np.abs(values).max()
+    verdict = verify(replace(claim, trajectory={**claim.trajectory, name: values}))
+    assert [reason for reason in verdict.reasons if f"stored {name} is off" in reason], verdict.reasons
+
+
+@pytest.mark.parametrize("share", [1e-3, 1e3])
+def test_a_stored_path_is_held_to_the_scale_of_the_error(share):
+    claim = in_metres(share)
+    verdict = verify(replace(claim, trajectory=_turn(claim.trajectory)))
+    assert [reason for reason in verdict.reasons if "off the replay by 0.02" in reason], verdict.reasons
 
 
 class FlippedMoment(ThreeUPU):
@@ -290,34 +354,6 @@ def test_parallel_singularities_of_the_conjecture():
     assert sum("can be followed only to" in warning for warning in verdict.warnings) == 1
 
 
-coordinate = st.floats(-1, 1)
-triple = st.tuples(coordinate, coordinate, coordinate)
-
-
-@settings(max_examples=25, deadline=None)
-@given(
-    legs=st.tuples(*[st.tuples(triple, triple, triple, triple, st.booleans())] * 3),
-    position=triple,
-    turn=triple,
-    control=triple,
-)
-def test_rolling_holds_for_any_geometry_and_pose(legs, position, turn, control):
-    assume(all(np.linalg.norm(part) > 0.2 for leg in legs for part in leg[2:4]))
-    assume(np.linalg.norm(control) > 0.1)
-    robot = ThreeUPU(
-        legs=[
-            Leg(tuple(20 * x for x in a), tuple(10 * x for x in b), r, w4, "suslov" if suslov else "veselova")
-            for a, b, r, w4, suslov in legs
-        ]
-    )
-    pose = {"position": 10 * np.array(position) + [0, 0, 40], "orientation": so3.exp(2 * np.array(turn))}
-    states, numeric = robot.state_space.pack(pose)[None], NumericSystem(robot)
-    assume(abs(numeric.determinants(states)["s"][0]) > 1e-2)
-    rolling, leg_rate = geometry.residuals(numeric, states, np.array([control]))
-    assert rolling[0] < 1e-8
-    assert leg_rate[0] < 1e-8
-
-
 class Unicycle(System):
     """ẋ = v cos θ, ẏ = v sin θ, θ̇ = w."""
 
@@ -350,42 +386,25 @@ def test_system_without_legs():
     assert verdict.orthogonality is None
 
 
-def test_nothing_straddles_a_discontinuity():
-    """A control that jumps is integrated exactly, and both of its limits are sampled."""
+class UnicycleWithOutputs(Unicycle):
+    """With an output that is zero but for rounding, and one that is cut at ±π."""
 
-    def rate(t, x, side):
-        later = t > 0.3 or (t == 0.3 and side == "right")
-        return np.array([5.0 if later else -1.0])
-
-    path = integrate(rate, np.zeros(1), 1.0, np.array([0.3]))
-    np.testing.assert_allclose(path([0.15, 0.3, 1.0])[:, 0], [-0.15, -0.3, -0.3 + 0.7 * 5], atol=1e-14)
+    def outputs(self, state, control):
+        heading = ca.atan2(ca.sin(state[2]), ca.cos(state[2]))
+        x = state[0] + 2
+        return {"nothing": (x + 1) ** 3 - x**3 - 3 * x**2 - 3 * x - 1, "heading_angle": heading}
 
 
-def test_sampling_gives_both_sides_of_a_breakpoint():
-    class Jump(Fourier):
-        def breakpoints(self, horizon):
-            return np.array([0.3])
-
-        def table(self, times, horizon, side="right"):
-            times = np.asarray(times)
-            return np.where((times > 0.3) | ((times == 0.3) & (side == "right")), 5.0, -1.0)[:, None]
-
-    path = integrate(lambda t, x, side: np.ones(1), np.zeros(1), 1.0, np.array([0.3]))
-    samples = sample(path, Control(Jump(0), [[1.0]]), 11)
-    at_jump = samples.times == 0.3
-    assert samples.controls[at_jump, 0].tolist() == [-1.0, 5.0]
-
-
-@pytest.mark.parametrize("zeros", [[0.123456789], [0.5], [0.501, 0.5013], [0.2, 0.7, 0.71]])
-def test_sign_changes_are_found_to_nine_digits(zeros):
-    def function(t):
-        return float(np.prod([t - zero for zero in zeros]))
-
-    times = np.linspace(0, 1, 101)  # 0.5 is a sample; 0.501 and 0.5013 fall between two
-    found = sign_changes(function, times, np.array([function(t) for t in times]))
-    np.testing.assert_allclose(found, zeros, atol=1e-9)
-
-
-def test_touching_zero_is_no_change_of_sign():
-    times = np.linspace(0, 1, 101)
-    assert sign_changes(lambda t: (t - 0.503) ** 2 + 1e-9, times, (times - 0.503) ** 2 + 1e-9) == []
+def test_outputs_without_a_scale_and_on_a_cut_refute_nothing():
+    problem = PlanningProblem(
+        system=UnicycleWithOutputs(),
+        start={"x": 0.0, "y": 0.0, "theta": np.pi - 1.0},
+        goal={"theta": np.pi},  # where the heading is either of ±π
+        basis=Fourier(0),
+    )
+    claim = stored(problem, problem.control(np.array([[1.3], [1.0]])), 1e-9)
+    for sign in (1, -1):
+        heading = claim.trajectory["heading_angle"].copy()
+        heading[-1] = sign * (np.pi - 1e-12)
+        verdict = verify(replace(claim, trajectory={**claim.trajectory, "heading_angle": heading}))
+        assert verdict.ok, verdict.reasons

@@ -136,13 +136,14 @@ class RungeKuttaFlow:
     def sensitivity(self, start: Array, coefficients: Array) -> tuple[Array, Array]:
         controls = self._stage_controls(coefficients)
         states = self._states(np.asarray(start, dtype=float), controls)
-        by_state, by_controls = self._step_derivatives(states, controls)
         size, inputs = states.shape[1], len(coefficients)
         onward = np.eye(size)  # dy(T)/dy at the end of the step
         gradients = np.empty((len(self._h), size, 3 * inputs))
-        for k in range(len(self._h) - 1, -1, -1):
-            gradients[k] = onward @ by_controls[k]
-            onward = onward @ by_state[k]
+        with np.errstate(all="ignore"):  # a path that runs away is the caller's to judge
+            by_state, by_controls = self._step_derivatives(states, controls)
+            for k in range(len(self._h) - 1, -1, -1):
+                gradients[k] = onward @ by_controls[k]
+                onward = onward @ by_state[k]
         stages = gradients.reshape(len(self._h), size, 3, inputs)
         return states, np.einsum("knsm,skj->nmj", stages, self._stages, optimize=True).reshape(size, -1)
 

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from nhpocp.problem_file.reading import read_text as read_text
     from nhpocp.problem_file.registry import systems as systems
     from nhpocp.problem_file.starters import starter as starter
+    from nhpocp.problem_file.variants import variant as variant
 
 _HOMES = {
     "ProblemFile": "reading",
@@ -32,6 +33,7 @@ _HOMES = {
     "read_text": "reading",
     "starter": "starters",
     "systems": "registry",
+    "variant": "variants",
 }
 __all__ = sorted(_HOMES)
 

@@ -31,11 +31,13 @@ AVAILABLE: dict[str, dict[str, str]] = {
     "control.basis": {
         "fourier": "nhpocp.controls.fourier:Fourier",
         "piecewise_constant": "nhpocp.controls.piecewise_constant:PiecewiseConstant",
+        "sequence": "nhpocp.controls.sequence:SequenceBasis",
     },
     "solvers.jacobian.step_rule": {
         "euler": "nhpocp.solvers.step_rules:Euler",
         "adaptive": "nhpocp.solvers.step_rules:Adaptive",
         "ode": "nhpocp.solvers.step_rules:Ode",
+        "auto": "nhpocp.solvers.step_rules:Adaptive",
     },
     "solvers.jacobian.inverse": {
         "moore_penrose": "nhpocp.solvers.generalized_inverses:MoorePenrose",
@@ -208,8 +210,8 @@ def _build_jacobian(data: JacobianSettings, _: Any) -> Any:
             raise InvalidProblemError(_not_available(key, value, honoured), path=key)
     integrator = _available("solvers.jacobian.integrator", data.integrator)
     rule = _available("solvers.jacobian.step_rule", data.step_rule)
-    return Continuation(
-        step_rule=rule() if data.step_rule == "adaptive" else rule(gamma=data.gamma),
+    solver = Continuation(
+        step_rule=rule() if data.step_rule in ("adaptive", "auto") else rule(gamma=data.gamma),
         inverse=_available("solvers.jacobian.inverse", data.inverse)(),
         metric=_available("solvers.jacobian.metric", data.metric)(),
         integrator=integrator(steps=data.steps),
@@ -219,6 +221,11 @@ def _build_jacobian(data: JacobianSettings, _: Any) -> Any:
         objective=data.objective,
         seed=data.seed,
     )
+    if data.step_rule != "auto":
+        return solver
+    from nhpocp.solvers.strategies import Auto
+
+    return Auto(solver)
 
 
 def _build_nlp(data: NlpSettings, jacobian: Any) -> Any:

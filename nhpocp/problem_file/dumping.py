@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from nhpocp.errors import InvalidProblemError
+from nhpocp.problem_file.reading import read_text
 from nhpocp.problem_file.settings import JacobianSettings, NlpSettings
 
 if TYPE_CHECKING:
@@ -26,15 +29,40 @@ _BLOCKS = {
 }  # written one key a line, the rest in one line
 
 
-def dump_problem(problem: PlanningProblem) -> str:
-    """The problem as YAML; the text that it was read from, if it was.
+def dump_problem(problem: PlanningProblem, settings: Mapping[str, Mapping[str, Any]] | None = None) -> str:
+    """The problem as YAML; the text that it was read from, if that still says the same.
 
-    Errors: `InvalidProblemError` for what a file has no words for, such as a bound with a label of one's own.
+    ``settings``: of solvers by name, instead of those of the problem's own solver objects. Errors:
+    `InvalidProblemError` for what a file has no words for, such as a bound with a label of one's own.
     """
-    return problem.source if problem.source is not None else _write(_data(problem))
+    wanted = _data(problem, settings or {})
+    return next((text for text in _sources(problem) if _meaning(text) == wanted), None) or _write(wanted)
 
 
-def _data(problem: PlanningProblem) -> dict[str, Any]:
+def _sources(problem: PlanningProblem) -> Iterator[str]:
+    """The text that the problem was read from, then the same text with the problem's name in it."""
+    if problem.source is None:
+        return
+    yield problem.source
+    with suppress(
+        InvalidProblemError
+    ):  # a file without a name is called by its stem, which another folder forgets
+        yield read_text(
+            problem.source, overrides=[f"name={json.dumps(problem.name, ensure_ascii=False)}"]
+        ).text
+
+
+def _meaning(text: str) -> dict[str, Any] | None:
+    """What a problem file says, in the words of `_data`; None where it is no problem file."""
+    from nhpocp.problem_file.building import parse_problem
+
+    try:
+        return _data(parse_problem(text), {})
+    except InvalidProblemError:
+        return None
+
+
+def _data(problem: PlanningProblem, settings: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
     horizon = problem.horizon
     data: dict[str, Any] = {
         "nhpocp": 1,
@@ -57,7 +85,7 @@ def _data(problem: PlanningProblem) -> dict[str, Any]:
         "length_scale": problem.length_scale,
         "via": [{"at": via.share, **_state(problem, via.goal)} for via in problem.via] or None,
         "constraints": _constraints(problem) or None,
-        "solvers": _solvers(problem) or None,
+        "solvers": _solvers(problem, settings) or None,
         "output": {"samples": problem.samples, "pictures": problem.pictures},
         "reference": dict(problem.reference) or None,
     }
@@ -76,14 +104,29 @@ def _state(problem: PlanningProblem, values: Any) -> dict[str, Any]:
     return {name: {"matrix": value} if kinds[name] == "rotation" else value for name, value in plain.items()}
 
 
-def _solvers(problem: PlanningProblem) -> dict[str, Any]:
+def _solvers(problem: PlanningProblem, settings: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
     """Settings under the file's names; what a file has no name for stays behind."""
-    found: dict[str, Any] = {}
-    for name, solver in problem.solvers.items():
-        known = _SETTINGS[name].model_fields if name in _SETTINGS else {}
-        settings = {key: value for key, value in solver.settings().items() if key in known}
-        found[name] = _without_none(settings)
-    return found
+    given = {name: solver.settings() for name, solver in problem.solvers.items()} | dict(settings)
+    return {name: _writable(name, values) for name, values in given.items() if name in _SETTINGS}
+
+
+def _writable(name: str, settings: Mapping[str, Any]) -> dict[str, Any]:
+    """The settings that a file can state: a step rule of the user's own, say, has no name there."""
+    known = {key: value for key, value in settings.items() if key in _SETTINGS[name].model_fields}
+    known = _without_none(known)
+    if _buildable(name, known):
+        return known
+    return {key: value for key, value in known.items() if _buildable(name, {key: value})}
+
+
+def _buildable(name: str, settings: Mapping[str, Any]) -> bool:
+    from nhpocp.problem_file.building import build_solver
+
+    try:
+        build_solver(name, settings)
+    except InvalidProblemError:
+        return False
+    return True
 
 
 def _constraints(problem: PlanningProblem) -> dict[str, Any]:

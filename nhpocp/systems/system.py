@@ -60,6 +60,10 @@ class System(Protocol):
         """Named quantities worth plotting or bounding, besides states and inputs."""
         return {}
 
+    def output(self, name: str, state: Array, control: Array) -> Array:
+        """One of `outputs`; override it where there is a shorter way than making them all."""
+        return self.outputs(state, control)[name]
+
     def regularity(self, state: Array) -> dict[str, Array]:
         """Square matrices by name whose singularity breaks the model or the machine, in the system's own units."""
         return {}

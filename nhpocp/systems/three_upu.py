@@ -303,16 +303,25 @@ class ThreeUPU(System):
     def outputs(self, state: Array, control: Array) -> dict[str, Array]:
         xp, legs = namespace(state, control), self.leg_poses(state)
         orientation = self.state_space.unpack(state)["orientation"]
-        other = ("u", self.feedback) if self.form == "feedback" else ("v", self.inverse_feedback)
+        other = "u" if self.form == "feedback" else "v"
         angles = [
             pose.joint_angles(orientation @ xp.array(_reference(leg.w4)))
             for pose, leg in zip(legs, self.legs, strict=True)
         ]
         return {
-            other[0]: other[1](state, control),
+            other: self.output(other, state, control),
             "leg_lengths": xp.vector([leg.length for leg in legs]),
             "joint_angles": xp.rows(angles),
         }
+
+    def output(self, name: str, state: Array, control: Array) -> Array:
+        if name == "u" and self.form == "feedback":
+            return self.feedback(state, control)
+        if name == "v" and self.form == "original":
+            return self.inverse_feedback(state, control)
+        if name == "leg_lengths":
+            return namespace(state).vector([leg.length for leg in self.leg_poses(state)])
+        return super().output(name, state, control)
 
     def regularity(self, state: Array) -> dict[str, Array]:
         blocks = self.kinematics(state)

@@ -173,7 +173,7 @@ class _Check:
             lambda t, state, inputs: rate(state, self.path.at(t), inputs),
             self.control,
             self.problem.start_point,
-            Watch(NumericSystem(other), self.problem.start_point, vanishing=1e-5),
+            Watch(other, self.problem.start_point, vanishing=1e-5),
         )
         return self._judge_original(path)
 
@@ -207,11 +207,14 @@ class _Check:
             self.reasons.append("no stored trajectory to compare with the replay")
             return None
         times, horizon = np.asarray(stored["t"], dtype=float), self.control.horizon
-        blocks = [np.asarray(stored[name], dtype=float) for name in self.space.names]
-        if not len(times) or any(len(block) != len(times) for block in blocks):
+        blocks = {name: np.asarray(stored[name], dtype=float) for name in self.space.names}
+        if not len(times) or any(len(block) != len(times) for block in blocks.values()):
             self.reasons.append("the stored trajectory's arrays are of different lengths, or empty")
             return None
-        states = np.hstack([block.reshape(len(times), -1) for block in blocks])
+        for block in self.space.blocks:
+            if not self._has_shape(block.name, blocks[block.name], (len(times), *block.shape)):
+                return None
+        states = np.hstack([block.reshape(len(times), -1) for block in blocks.values()])
         if not (np.isfinite(states).all() and np.isfinite(times).all()):
             self.reasons.append("the stored trajectory is not finite")
             return None
@@ -226,7 +229,8 @@ class _Check:
         apart = weighted_difference(self.space, states[seen], here, self.problem.error_length)
         distances = np.linalg.norm(apart, axis=1)
         worst = int(np.argmax(distances))
-        if not distances[worst] <= max(PATH_TOLERANCE * self.problem.scale, self.solution.tolerance):
+        share = PATH_TOLERANCE * self.problem.scale / self.problem.error_length  # in the units of E
+        if not distances[worst] <= max(share, self.solution.tolerance):
             self.reasons.append(
                 f"the stored trajectory is off the replay by {distances[worst]:.3g} at t={times[seen][worst]:.4g}"
             )
@@ -242,11 +246,20 @@ class _Check:
         for name, values in expected.items():
             if name in self.space.names or name not in self.solution.trajectory:
                 continue
-            stored = np.asarray(self.solution.trajectory[name], dtype=float)[seen]
+            stored = np.asarray(self.solution.trajectory[name], dtype=float)
+            if not self._has_shape(name, stored, (len(seen), *values.shape[1:])):
+                continue
+            stored = stored[seen]
             scale = 1.0 if _is_angle(name) else _largest(values)
             apart = _largest(_apart(name, stored, values))
             if not apart <= QUANTITY_TOLERANCE * scale + 10 * _largest(_apart(name, nudged[name], values)):
                 self.reasons.append(f"the stored {name} is off the replay's by {apart:.3g}")
+
+    def _has_shape(self, name: str, stored: Array, shape: tuple[int, ...]) -> bool:
+        """Whether a stored array can be compared at all; notes it where not."""
+        if stored.shape != shape:
+            self.reasons.append(f"the stored {name} is of shape {stored.shape}; expected {shape}")
+        return bool(stored.shape == shape)
 
     def crossings(self) -> list[Crossing]:
         """Sign changes of the determinants; fatal where the system's own equations divide by it."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from itertools import pairwise
+from math import isqrt
 from typing import Any
 
 import casadi as ca
@@ -22,6 +23,7 @@ from nhpocp.arrays import Array
 from nhpocp.controls.control import Control
 from nhpocp.state_space import StateSpace
 from nhpocp.systems.numeric import NumericSystem
+from nhpocp.systems.system import System
 
 RTOL = ATOL = 1e-12
 METHOD = f"SciPy DOP853, rtol {RTOL:g}, atol {ATOL:g}, between the control's breakpoints"
@@ -92,17 +94,21 @@ class Watch:
     turns the step control back, thousands of times over.
     """
 
-    def __init__(self, numeric: NumericSystem, start: Array, vanishing: float) -> None:
-        self._numeric, self._vanishing = numeric, vanishing
-        self._names = numeric.system.breaking()
+    def __init__(self, system: System, start: Array, vanishing: float) -> None:
+        self._vanishing, self._names = vanishing, system.breaking()
+        x = ca.SX.sym("x", system.state_space.size)
+        matrices = [ca.densify(system.regularity(x)[name]) for name in self._names]
+        self._matrices = [FastFunction(ca.Function("matrix", [x], [matrix])) for matrix in matrices]
         self._sign, self._largest = np.sign(self.value(start)), 0.0
 
     def value(self, state: Array) -> float:
         """The product of the determinants; 1 for a system that divides by none."""
-        if not self._names:
-            return 1.0
-        determinants = self._numeric.determinants(state[None])
-        return float(np.prod([determinants[name][0] for name in self._names]))
+        product = 1.0
+        for matrix in self._matrices:
+            entries = matrix(state)
+            side = isqrt(len(entries))
+            product *= float(np.linalg.det(entries.reshape(side, side)))
+        return product
 
     def look(self, dense: Any, low: float, high: float) -> tuple[float, str | None]:
         """Where a step ends, ``high`` unless a zero is met before, and what was met."""
@@ -172,7 +178,7 @@ def integrate(rate: Rate, control: Control, start: Array, watch: Watch | None = 
 def replay(numeric: NumericSystem, control: Control, start: Array) -> Path:
     """The system's own equations ẋ = G(x) u under the control."""
     rate = FastFunction(numeric.rate_function)
-    patient = Watch(numeric, start, vanishing=1e-7)  # to stop here is to refute
+    patient = Watch(numeric.system, start, vanishing=1e-7)  # to stop here is to refute
     return integrate(lambda t, x, u: rate(x, u), control, start, patient)
 
 

@@ -15,7 +15,7 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from nhpocp.arrays import Array
 from nhpocp.solution import Solution
-from nhpocp.views.plots import Path, path_of, quantity
+from nhpocp.views.finite_path import Path, path_of, quantity
 from nhpocp.views.style import COLOURS, GREY, line_style, symbol
 
 ELEVATION, AZIMUTH = 20.0, -62.0  # degrees

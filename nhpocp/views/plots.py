@@ -7,7 +7,6 @@ where there are several, ``line`` overrides the look of the lines (alpha, linewi
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -17,55 +16,10 @@ from nhpocp.arrays import Array
 from nhpocp.errors import OrientationAtPiError
 from nhpocp.solution import Outcome, Solution
 from nhpocp.state_space import Block, StateSpace
+from nhpocp.views.finite_path import Path, path_of, quantity
 from nhpocp.views.style import ALARM, COLOURS, FAINT, GREY, line_style, symbol, with_unit
 
-LARGEST = 1e9  # what is larger has left every picture: the path is cut there as if it were not finite
 _NAMES = {"det_s": r"$\det\,S = 0$", "det_w": r"$\det\,W = 0$"}
-
-
-@dataclass(frozen=True)
-class Path:
-    """The part of a trajectory that can be drawn: its first ``samples`` samples, at ``times``."""
-
-    times: Array
-    samples: int
-    stored: int
-    horizon: float
-
-    @property
-    def cut(self) -> bool:
-        return self.samples < self.stored or self.samples == 0
-
-    @property
-    def words(self) -> str | None:
-        """What the reader has to know of a path that was cut."""
-        if not self.samples:
-            return "No finite sample: there is no path to draw."
-        if self.cut:
-            return f"The path is not finite after t = {self.times[-1]:.4g}; it is cut there."
-        if self.times[-1] < self.horizon * (1 - 1e-9):
-            return f"The path ends at t = {self.times[-1]:.4g}, before T = {self.horizon:.4g}."
-        return None
-
-
-def path_of(solution: Solution) -> Path:
-    """Up to where time and state of a solution are finite."""
-    times = np.ravel(np.asarray(solution.trajectory.get("t", ()), dtype=float))
-    good = np.isfinite(times)
-    for name in solution.problem.system.state_space.names:
-        values = np.asarray(solution.trajectory.get(name, np.full(times.shape, np.nan)), dtype=float)
-        flat = values.reshape(len(times), -1)
-        good &= (np.nan_to_num(np.abs(flat), nan=np.inf) < LARGEST).all(axis=1)
-    samples = len(times) if good.all() else int(np.argmin(good))
-    return Path(times[:samples], samples, len(times), float(solution.control.horizon))
-
-
-def quantity(solution: Solution, name: str, path: Path) -> Array:
-    """A trajectory's array up to the cut, (samples, components); what is too large for a picture is NaN."""
-    values = np.asarray(solution.trajectory.get(name, ()), dtype=float)[: path.samples]
-    values = values.reshape(path.samples, -1) if values.size else np.empty((path.samples, 0))
-    with np.errstate(invalid="ignore"):
-        return np.where(np.abs(values) < LARGEST, values, np.nan) if values.size else values
 
 
 def _titled(label: str | None, name: str) -> str:
@@ -90,7 +44,7 @@ def time_axis(axes: Any, path: Path) -> None:
         )
 
 
-def _bounds(axes: Any, solution: Solution, name: str) -> None:
+def draw_bounds(axes: Any, solution: Solution, name: str) -> None:
     """Stated limits of a quantity, where they are near enough to the curves to be worth the room."""
     low, high = axes.get_ylim()
     room = 0.5 * (high - low)
@@ -130,16 +84,16 @@ def plot_controls(axes: Any, solution: Solution, label: str | None = None, **lin
     path, space = path_of(solution), solution.problem.system.input_space
     columns = [quantity(solution, block.name, path) for block in space.blocks]
     if all(column.shape[1] for column in columns):
-        times, values = _with_jumps(solution, path.times, np.hstack(columns))
+        times, values = with_jumps(solution, path.times, np.hstack(columns))
         names = [name for block in space.blocks for name in _labels(block)]
         _lines(axes, times, values, names, label, line)
     time_axis(axes, path)
     for block in space.blocks:
-        _bounds(axes, solution, block.name)
+        draw_bounds(axes, solution, block.name)
     axes.set_ylabel(with_unit(f"control {_axis_words(space.blocks)}", _common_unit(space), rate=True))
 
 
-def _with_jumps(solution: Solution, times: Array, values: Array) -> tuple[Array, Array]:
+def with_jumps(solution: Solution, times: Array, values: Array) -> tuple[Array, Array]:
     """Samples with both one-sided values put in wherever the control jumps."""
     if not len(times):
         return times, values
@@ -167,7 +121,7 @@ def plot_quantity(
     names = [symbol(name, i if values.shape[1] > 1 else None) for i in range(values.shape[1])]
     _lines(axes, path.times, values, names, label, line)
     time_axis(axes, path)
-    _bounds(axes, solution, name)
+    draw_bounds(axes, solution, name)
     axes.set_ylabel(with_unit(f"{words} {symbol(name)}", unit))
 
 
@@ -182,7 +136,7 @@ def plot_blocks(
         _lines(axes, path.times, values, names, label, line)
     time_axis(axes, path)
     for block in blocks:
-        _bounds(axes, solution, block.name)
+        draw_bounds(axes, solution, block.name)
     units = {block.unit for block in blocks}
     axes.set_ylabel(with_unit(f"state {_axis_words(blocks)}", units.pop() if len(units) == 1 else ""))
 
@@ -416,6 +370,6 @@ def plot_margins(axes: Any, solution: Solution, label: str | None = None, **line
     else:
         axes.set_ylim(0, 1.08 * max(seen, default=1.0))
     for name in names:
-        _bounds(axes, solution, name)
+        draw_bounds(axes, solution, name)
     time_axis(axes, path)
     axes.set_ylabel(r"least singular value $\sigma_{\min}$ [–]")

@@ -1,27 +1,24 @@
-"""The command line: verbs, messages and exit statuses; no mathematics.
-
-Exit status: 0 solved and verified, 1 not (everything is still written), 2 bad input, 3 an optional part is missing.
-Everything heavy is imported inside the verb that needs it, so that --help and check answer at once.
-"""
+"""The verbs. Everything heavy is imported inside the verb that needs it, so that --help and check answer at once."""
 
 from __future__ import annotations
 
 import gc
 import json
-import os
 import signal
-import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from nhpocp.errors import InvalidProblemError, MissingDependencyError, NhpocpError
+from nhpocp.cli.terminal import comparison_lines, error_data, progress, put, report, say, verdict_lines
+from nhpocp.errors import InvalidProblemError
 
 if TYPE_CHECKING:
-    from nhpocp.solution import Progress, Solution
+    from nhpocp.comparison import Comparison
+    from nhpocp.solution import Solution
+    from nhpocp.solvers.interruption import Interruption
 
 SOLVED, NOT_SOLVED, BAD_INPUT, MISSING_PART = 0, 1, 2, 3
 
@@ -42,16 +39,6 @@ def _set_option(command: Callable[..., Any]) -> Callable[..., Any]:
     )(command)
 
 
-def say(text: str) -> None:
-    """A message for people, on standard error."""
-    click.echo(text, err=True)
-
-
-def put(data: Any) -> None:
-    """The one JSON document of --json, on standard output."""
-    click.echo(json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False))
-
-
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(package_name="nhpocp")
 @click.option("--debug", is_flag=True, help="Show tracebacks.")
@@ -67,10 +54,10 @@ def cli(debug: bool) -> None:
 @_json_option
 def solve(file: Path, solver: str, overrides: tuple[str, ...], output: Path | None, as_json: bool) -> int:
     """Solve FILE, verify the result, write a solution folder."""
-    from nhpocp.problem_file import load_problem
-    from nhpocp.solution_folder import check_target
+    with _keeping() as interruption:
+        from nhpocp.problem_file import load_problem
+        from nhpocp.solution_folder import check_target, to_json
 
-    with _interrupts():
         problem = load_problem(file, overrides)
         if solver not in problem.solvers:
             raise InvalidProblemError(
@@ -78,19 +65,44 @@ def solve(file: Path, solver: str, overrides: tuple[str, ...], output: Path | No
             )
         folder = output or Path("results") / _safe(problem.name) / solver
         check_target(folder)
+        interruption.check()  # nothing to keep yet; from here on the solver answers to Ctrl-C
 
         from nhpocp import planning
 
-        with _progress(as_json) as progress:
-            solution = planning.solve(problem, problem.solvers[solver], progress)
+        with progress(as_json) as show:
+            solution = planning.solve(problem, problem.solvers[solver], show)
+        interruption.patient = True
         _write(solution, folder)
-    if as_json:
-        from nhpocp.solution_folder import to_json
-
-        put({**to_json(solution), "folder": str(folder)})
-    else:
-        _report(solution, folder)
+        if as_json:
+            put({**to_json(solution), "folder": str(folder)})
+        else:
+            report(solution, folder)
     return SOLVED if solution.converged else NOT_SOLVED
+
+
+@contextmanager
+def _keeping() -> Iterator[Interruption]:
+    """Ctrl-C is noted and kept for the solver, whatever is running; SIGTERM acts like it."""
+    from nhpocp.solvers.interruption import Interruption
+
+    before = signal.signal(signal.SIGTERM, lambda *_: signal.raise_signal(signal.SIGINT))
+    try:
+        with Interruption() as interruption:
+            yield interruption
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def _write(solution: Solution, folder: Path) -> None:
+    """The solution folder, with pictures if the problem asks for them."""
+    from nhpocp.solution_folder import save_solution
+
+    pictures = None
+    if solution.problem.pictures:
+        from nhpocp.views.figures import write_pictures
+
+        pictures = write_pictures
+    save_solution(solution, folder, pictures)
 
 
 @cli.command()
@@ -109,7 +121,7 @@ def verify(folder: Path, as_json: bool) -> int:
         put({"folder": str(folder), "outcome": solution.outcome.value, "verified": plain(verdict.to_json())})
     else:
         click.echo(f"{folder}: {'verified' if verdict.ok else 'refuted'}")
-        for line in _verdict_lines(verdict):
+        for line in verdict_lines(verdict):
             click.echo(line)
     return SOLVED if verdict.ok else NOT_SOLVED
 
@@ -129,7 +141,7 @@ def check(files: tuple[Path, ...], overrides: tuple[str, ...], as_json: bool) ->
             document = read(file, overrides)
         except InvalidProblemError as error:
             failures.append(error)
-            found.append({"file": str(file), "ok": False, **_error(error)})
+            found.append({"file": str(file), "ok": False, **error_data(error)})
             continue
         found.append(
             {"file": str(file), "ok": True, "warnings": document.warnings, "problem": document.filled()}
@@ -142,7 +154,7 @@ def check(files: tuple[Path, ...], overrides: tuple[str, ...], as_json: bool) ->
         say(str(failure))
     if as_json:
         if failures:
-            put({**_error(failures[0]), "files": found})
+            put({**error_data(failures[0]), "files": found})
         else:
             put(found[0] if len(found) == 1 else {"files": found})
     return BAD_INPUT if failures else SOLVED
@@ -153,10 +165,14 @@ def check(files: tuple[Path, ...], overrides: tuple[str, ...], as_json: bool) ->
 @_json_option
 def plot(folder: Path, as_json: bool) -> int:
     """Draw the pictures of the solution stored in FOLDER, into it."""
-    from nhpocp.solution_folder import load_solution
+    from nhpocp.solution_folder import load_solution, unwritable
     from nhpocp.views.figures import write_pictures
 
-    written = [str(path) for path in write_pictures(load_solution(folder), folder)]
+    solution = load_solution(folder)
+    try:
+        written = [str(path) for path in write_pictures(solution, folder)]
+    except OSError as error:
+        raise unwritable(folder, error) from error
     if as_json:
         put({"folder": str(folder), "pictures": written})
     else:
@@ -189,8 +205,9 @@ def _block(block: Mapping[str, Any]) -> str:
 
 
 @cli.command()
-def schema() -> int:
-    """Print the JSON schema of problem files, for editors."""
+@_json_option
+def schema(as_json: bool) -> int:
+    """Print the JSON schema of problem files, for editors; with or without --json."""
     from nhpocp.problem_file import json_schema
 
     put(json_schema())
@@ -238,136 +255,83 @@ def doctor(as_json: bool) -> int:
         put(found)
     else:
         for name, value in found.items():
-            click.echo(f"{name}: {', '.join(value) if isinstance(value, list) else value}")
+            shown = ", ".join(value) if isinstance(value, list) else value
+            click.echo(f"{name}: {'none' if value is None else shown}")
     return SOLVED
+
+
+@cli.command(epilog="Exit status: 0 if every run is solved and verified, else 1.")
+@click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="FILE...|DIR...")
+@click.option(
+    "--from", "stored", is_flag=True, help="The arguments are solution folders: write the report again."
+)
+@click.option(
+    "--variant",
+    "variants",
+    multiple=True,
+    metavar="SOLVER:KEY=VALUE,...",
+    help="One more run on every file, such as nlp:control=basis; repeatable.",
+)
+@_set_option
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path),
+    default=Path("results"),
+    show_default=True,
+    help="Where the report and the solutions go.",
+)
+@_json_option
+def compare(
+    files: tuple[Path, ...],
+    stored: bool,
+    variants: tuple[str, ...],
+    overrides: tuple[str, ...],
+    output: Path,
+    as_json: bool,
+) -> int:
+    """Solve every FILE by both methods and compare them: report.html, comparison.csv, comparison.json."""
+    if stored and (variants or overrides):
+        raise click.UsageError("--from solves nothing: leave out --variant and --set")
+    with _keeping() as interruption:
+        from nhpocp.comparison_folder import load_comparison, write_comparison
+
+        found = load_comparison(files) if stored else _compared(files, variants, overrides, output, as_json)
+        interruption.patient = True
+        from nhpocp.views.report import write_report
+
+        report_file, *_ = write_comparison(found, output, write_report)
+        if as_json:
+            put(found.to_json())
+        else:
+            comparison_lines(found, report_file)
+    return SOLVED if found.all_converged else NOT_SOLVED
+
+
+def _compared(
+    files: Sequence[Path], variants: Sequence[str], overrides: Sequence[str], home: Path, quiet: bool
+) -> Comparison:
+    """Every run, each stored as soon as it has ended."""
+    from nhpocp import comparison
+    from nhpocp.comparison_folder import check_home, plan
+    from nhpocp.problem_file import load_problem
+
+    runs = plan([load_problem(file, overrides) for file in files], variants, home)
+    check_home(home)
+    folders = {id(run): folder for folder, run in runs.items()}
+
+    def keep(solution: Solution, run: comparison.Run) -> str:
+        folder = folders[id(run)]
+        _write(solution, Path(folder))
+        if not quiet:
+            click.echo(f"{run.problem.name} by {run.variant}: {solution.outcome.value}  {solution.message}")
+        return folder
+
+    with progress(quiet) as show:
+        return comparison.compare(list(runs.values()), progress=show, finished=keep)
 
 
 def _safe(name: str) -> str:
     """A problem's name as one folder name."""
     safe = "".join(character if character.isalnum() or character in "-_." else "-" for character in name)
     return safe if safe.strip(".") else "problem"
-
-
-@contextmanager
-def _interrupts() -> Iterator[None]:
-    """SIGTERM acts like Ctrl-C: the solver stops and what it has is written."""
-    before = signal.signal(signal.SIGTERM, lambda *_: signal.raise_signal(signal.SIGINT))
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
-
-
-@contextmanager
-def _progress(quiet: bool) -> Iterator[Progress | None]:
-    """One line that follows the iterations, on a terminal only."""
-    if quiet or not sys.stderr.isatty():
-        yield None
-        return
-    from rich.console import Console
-
-    with Console(stderr=True).status("building") as status:
-
-        def show(record: Mapping[str, Any]) -> None:
-            error = record.get("error")
-            status.update(
-                f"iteration {record['k']}  E = {error:.3e}"
-                if error is not None
-                else f"iteration {record['k']}"
-            )
-
-        yield show
-
-
-def _write(solution: Solution, folder: Path) -> None:
-    """The solution folder, with pictures if the problem asks for them; a second Ctrl-C does not tear it."""
-    from nhpocp.solution_folder import save_solution
-
-    pictures = None
-    if solution.problem.pictures:
-        from nhpocp.views.figures import write_pictures
-
-        pictures = write_pictures
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        save_solution(solution, folder, pictures)
-    finally:
-        signal.signal(signal.SIGINT, before)
-
-
-def _report(solution: Solution, folder: Path) -> None:
-    """The end of `solve` in a few lines."""
-    click.echo(f"{solution.problem.name} ({solution.solver}): {solution.outcome.value}")
-    click.echo(f"  {solution.message}")
-    if solution.verdict:
-        for line in _verdict_lines(solution.verdict):
-            click.echo(line)
-    times = solution.timing
-    click.echo(
-        f"  effort {solution.control.effort:.6g}, {solution.evaluations} evaluations, build {times['build_s']:.2f} s, "
-        f"solve {times['solve_s']:.2f} s, verification {times['verify_s']:.2f} s"
-    )
-    click.echo(f"  written: {folder}")
-
-
-def _verdict_lines(verdict: Any) -> list[str]:
-    def figure(value: float | None) -> str:
-        return "-" if value is None else f"{value:.3g}"
-
-    lines = [
-        f"  verified error E = {figure(verdict.error)}, rolling constraint {figure(verdict.rolling)}, "
-        f"leg rates {figure(verdict.leg_rate)} ({verdict.method})"
-    ]
-    if verdict.original is not None:
-        replay = verdict.original
-        lines.append(f"  replay of (3) under u: E = {figure(replay.error)}, reached t = {replay.reached:.4g}")
-    lines += [f"  refuted: {reason}" for reason in verdict.reasons]
-    lines += [f"  warning: {warning}" for warning in verdict.warnings]
-    return lines
-
-
-def _error(error: BaseException) -> dict[str, Any]:
-    """The JSON form of bad input."""
-    place = {name: getattr(error, name, None) for name in ("file", "line", "column", "path")}
-    return {"error": {**place, "message": getattr(error, "message", None) or str(error)}}
-
-
-def main() -> None:
-    """Entry point: runs a verb and turns errors into messages and exit statuses."""
-    # pydantic would look through every installed package for plugins, a tenth of the time of `check`
-    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
-    arguments = sys.argv[1:]
-    as_json, debug = "--json" in arguments, "--debug" in arguments
-    if debug:
-        arguments = ["--debug", *(argument for argument in arguments if argument != "--debug")]
-    try:
-        status = cli.main(args=arguments, prog_name="nhpocp", standalone_mode=False)
-    except click.ClickException as error:
-        if as_json:
-            put(
-                {
-                    "error": {
-                        "file": None,
-                        "line": None,
-                        "column": None,
-                        "path": None,
-                        "message": error.format_message(),
-                    }
-                }
-            )
-        error.show()
-        status = BAD_INPUT
-    except (click.Abort, KeyboardInterrupt):
-        say("stopped by hand before there was anything to keep")
-        status = NOT_SOLVED
-    except NhpocpError as error:
-        if debug:
-            raise
-        if as_json:
-            put(_error(error))
-        say(str(error))
-        status = MISSING_PART if isinstance(error, MissingDependencyError) else BAD_INPUT
-    except BrokenPipeError:
-        sys.stderr.close()
-        status = NOT_SOLVED
-    sys.exit(status if isinstance(status, int) else SOLVED)

@@ -1,0 +1,78 @@
+"""Entry point: runs a verb and turns errors into messages and exit statuses.
+
+Exit status: 0 solved and verified, 1 not (everything is still written), 2 bad input, 3 an optional part is missing.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Sequence
+from contextlib import suppress
+from typing import Any
+
+import click
+
+from nhpocp.cli.terminal import error_data, put, say
+from nhpocp.cli.verbs import BAD_INPUT, MISSING_PART, NOT_SOLVED, SOLVED, cli
+from nhpocp.errors import MissingDependencyError, NhpocpError
+
+BY_HAND = "stopped by hand; no solution was written"
+
+
+def main() -> None:
+    """The program `nhpocp`."""
+    # pydantic would look through every installed package for plugins, a tenth of the time of `check`
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
+    arguments = sys.argv[1:]
+    if "--debug" in arguments:  # wherever it stands
+        arguments = ["--debug", *(argument for argument in arguments if argument != "--debug")]
+    sys.exit(status(arguments))
+
+
+def status(arguments: Sequence[str]) -> int:
+    """Runs a verb; its exit status."""
+    as_json, debug = "--json" in arguments, "--debug" in arguments
+    try:
+        found = cli.main(args=list(arguments), prog_name="nhpocp", standalone_mode=False)
+        sys.stdout.flush()
+    except click.ClickException as error:
+        error.show()
+        return _answer(as_json, error_data(error, message=error.format_message()), BAD_INPUT)
+    except (click.Abort, KeyboardInterrupt) as error:
+        say(BY_HAND)
+        return _answer(as_json, error_data(error, message=BY_HAND), NOT_SOLVED)
+    except NhpocpError as error:
+        if debug:
+            raise
+        say(str(error))
+        missing = isinstance(error, MissingDependencyError)
+        return _answer(as_json, error_data(error), MISSING_PART if missing else BAD_INPUT)
+    except BrokenPipeError:
+        _abandon_output()
+        return NOT_SOLVED
+    except OSError as error:
+        if debug:
+            raise
+        place = None if error.filename is None else os.fsdecode(str(error.filename))
+        message = error.strerror or str(error)
+        say(f"{place}: {message}" if place else message)
+        return _answer(as_json, error_data(error, file=place, message=message), BAD_INPUT)
+    return found if isinstance(found, int) else SOLVED
+
+
+def _answer(as_json: bool, data: Any, status: int) -> int:
+    """The same in JSON where that was asked for, if standard output takes it."""
+    try:
+        if as_json:
+            put(data)
+        sys.stdout.flush()
+    except OSError:
+        _abandon_output()
+    return status
+
+
+def _abandon_output() -> None:
+    """Nobody reads on, or the disk is full: Python shall not try once more at its end."""
+    with suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

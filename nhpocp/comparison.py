@@ -1,0 +1,377 @@
+"""Several solutions side by side, as data: what ran, how it ended, and the table that files and reports show."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import cached_property
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from nhpocp import planning
+from nhpocp.errors import InvalidProblemError, NhpocpError
+from nhpocp.flow.simulation import simulate
+from nhpocp.machine import machine, peak_memory, reset_peak_memory
+from nhpocp.problem import PlanningProblem
+from nhpocp.solution import Outcome, Progress, Solution, Solver
+from nhpocp.solvers.guesses import starting_horizon
+from nhpocp.solvers.interruption import Interruption
+from nhpocp.systems.numeric import NumericSystem
+
+SCHEMA_VERSION = 1
+VARIANTS = ("jacobian", "nlp")
+# what a solver can stumble over that is no mistake of ours: a failed row, so that the other runs go on
+FAILURES = (NhpocpError, RuntimeError, ArithmeticError, np.linalg.LinAlgError, MemoryError)
+
+
+@dataclass(frozen=True)
+class Run:
+    """A solve to be done; ``variant`` is how the pair is called, `nlp:control=basis` say."""
+
+    problem: PlanningProblem
+    solver: Solver
+    variant: str
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A run that is done, and where its solution is stored."""
+
+    solution: Solution
+    variant: str
+    folder: str | None = None
+
+    @classmethod
+    def of(cls, solution: Solution, folder: str | None = None) -> Entry:
+        """An entry by what the solution itself says of the run that it came from."""
+        return cls(solution, str(_noted(solution).get("variant", solution.solver)), folder)
+
+    @property
+    def tried(self) -> bool:
+        """Whether the solver evaluated anything; without it the stored control is a place-holder that stands still."""
+        return self.solution.evaluations > 0 or bool(self.solution.iterations)
+
+    @property
+    def claim_right(self) -> bool | None:
+        """Whether the solver's claim of success was right.
+
+        True: claimed and confirmed by verification. False: claimed and refuted. None: it claimed nothing (it failed in
+        its own eyes), or nobody has verified the claim.
+        """
+        solution = self.solution
+        if solution.outcome in (Outcome.NOT_VERIFIED, Outcome.CONSTRAINT_VIOLATED):
+            return False
+        return True if solution.converged else None
+
+    @property
+    def objective_value(self) -> float:
+        """What the problem's own objective says of the motion, whatever the solver minimised; NaN where unknown."""
+        solution = self.solution
+        if solution.problem.objective == "time":
+            return solution.control.horizon
+        return float(solution.costs.get(solution.problem.objective, math.nan))
+
+    @property
+    def machine(self) -> Mapping[str, Any]:
+        """Versions and machine of the run."""
+        found: Mapping[str, Any] = _noted(self.solution).get("environment", {})
+        return found
+
+    @property
+    def memory(self) -> float | None:
+        """Peak resident memory of the process during the run [MB]."""
+        found: float | None = _noted(self.solution).get("peak_memory_mb")
+        return found
+
+
+def _noted(solution: Solution) -> Mapping[str, Any]:
+    """What `compare` wrote into a solution's details."""
+    found: Mapping[str, Any] = solution.details.get("comparison", {})
+    return found
+
+
+@dataclass(frozen=True)
+class Group:
+    """The runs on one problem."""
+
+    title: str
+    entries: Sequence[Entry]
+
+    @property
+    def problem(self) -> PlanningProblem:
+        return self.entries[0].solution.problem
+
+    @property
+    def best(self) -> float | None:
+        """The least objective among the verified solutions."""
+        values = [entry.objective_value for entry in self.entries if entry.solution.converged]
+        return min((value for value in values if math.isfinite(value)), default=None)
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Runs that are done; ``notes``: what a reader has to know of the whole, such as runs that never began."""
+
+    entries: Sequence[Entry]
+    notes: Sequence[str] = ()
+
+    @classmethod
+    def of(
+        cls,
+        solutions: Iterable[Solution],
+        folders: Iterable[str | None] | None = None,
+        notes: Sequence[str] = (),
+    ) -> Comparison:
+        """The comparison of stored solutions; equal names on the same problem are told apart by their settings."""
+        solutions = list(solutions)
+        places = list(folders) if folders is not None else [None] * len(solutions)
+        entries = [Entry.of(solution, folder) for solution, folder in zip(solutions, places, strict=True)]
+        return cls(_told_apart(entries), notes)
+
+    @cached_property
+    def groups(self) -> list[Group]:
+        """The entries problem by problem, in order."""
+        found: dict[str, list[Entry]] = {}
+        for entry in self.entries:
+            found.setdefault(_task(entry.solution.problem), []).append(entry)
+        titles: list[str] = []
+        for entries in found.values():
+            name = entries[0].solution.problem.name
+            count = sum(title == name or title.startswith(f"{name} (") for title in titles)
+            titles.append(f"{name} ({count + 1})" if count else name)
+        return [Group(title, entries) for title, entries in zip(titles, found.values(), strict=True)]
+
+    @property
+    def all_converged(self) -> bool:
+        return bool(self.entries) and not self.notes and all(e.solution.converged for e in self.entries)
+
+    def rows(self) -> list[dict[str, Any]]:
+        """The table, one row an entry, None where a number is missing or not finite."""
+        best = {id(entry): group.best for group in self.groups for entry in group.entries}
+        return [_row(entry, best[id(entry)]) for entry in self.entries]
+
+    def to_json(self) -> dict[str, Any]:
+        return {"schema_version": SCHEMA_VERSION, "runs": self.rows()}
+
+    def to_csv(self) -> str:
+        """The rows as CSV: empty where there is no value, true and false in JSON's spelling."""
+        stream = io.StringIO()
+        rows = self.rows()
+        writer = csv.DictWriter(stream, list(rows[0]) if rows else [], lineterminator="\n")
+        writer.writeheader()
+        writer.writerows({key: _cell(value) for key, value in row.items()} for row in rows)
+        return stream.getvalue()
+
+
+def compare(
+    problems: Sequence[PlanningProblem | Run],
+    variants: Sequence[str] = VARIANTS,
+    progress: Progress | None = None,
+    finished: Callable[[Solution, Run], str | None] | None = None,
+) -> Comparison:
+    """Solves every problem by its own solvers of these names, and every `Run` as it stands.
+
+    ``finished(solution, run)`` is called as soon as a run ends, to store it, and returns where. A problem that a solver
+    cannot take is a failed entry; Ctrl-C ends the comparison with what there is.
+    """
+    runs = [
+        run
+        for item in problems
+        for run in ([item] if isinstance(item, Run) else [_own(item, name) for name in variants])
+    ]
+    entries: list[Entry] = []
+    with Interruption() as interruption, suppress(KeyboardInterrupt):
+        for run in runs:
+            interruption.check()
+            solution = _solved(run, progress)
+            interruption.patient = True  # what is found is kept
+            entries.append(Entry(solution, run.variant, finished(solution, run) if finished else None))
+            interruption.patient = False
+    missing = [f"{run.problem.name} by {run.variant}" for run in runs[len(entries) :]]
+    return Comparison(entries, [f"Stopped by hand; not run: {', '.join(missing)}."] if missing else [])
+
+
+def _own(problem: PlanningProblem, name: str) -> Run:
+    """A problem with its own solver of that name, or the method's defaults."""
+    if name in problem.solvers:
+        return Run(problem, problem.solvers[name], name)
+    if name == "jacobian":
+        from nhpocp.solvers.continuation import Continuation
+
+        return Run(problem, Continuation(), name)
+    if name == "nlp":
+        from nhpocp.solvers.multiple_shooting import MultipleShooting
+
+        return Run(problem, MultipleShooting(), name)
+    raise InvalidProblemError(
+        f"unknown variant {name!r}; expected jacobian or nlp, or a `Run` with a solver of its own"
+    )
+
+
+def _solved(run: Run, progress: Progress | None) -> Solution:
+    """The verified solution, with a note of the run in its details; what cannot be solved is a failure."""
+
+    def show(record: Mapping[str, Any]) -> None:
+        if progress:
+            progress({**record, "name": run.problem.name, "variant": run.variant})
+
+    measured = reset_peak_memory()
+    began = perf_counter()
+    try:
+        solution = planning.solve(run.problem, run.solver, show if progress else None)
+    except FAILURES as error:
+        solution = _failure(run, error, perf_counter() - began)
+    note = {
+        "variant": run.variant,
+        "peak_memory_mb": peak_memory() if measured else None,
+        "environment": machine(),
+    }
+    return replace(solution, details={**solution.details, "comparison": note})
+
+
+def _failure(run: Run, error: Exception, seconds: float) -> Solution:
+    """A solution that says why there is none; its control stands still."""
+    problem = run.problem
+    reason = getattr(error, "message", None) or str(error).strip() or type(error).__name__
+    zeros = np.zeros((problem.system.input_space.size, problem.basis.size))
+    control = problem.control(zeros, starting_horizon(problem))
+    motion = simulate(problem, control, NumericSystem(problem.system))
+    return Solution(
+        problem=problem,
+        solver=run.solver.name,
+        settings=run.solver.settings(),
+        tolerance=run.solver.tolerance,
+        outcome=Outcome.SOLVER_ERROR,
+        message=reason if reason.endswith(".") else f"{reason}.",
+        final_error=math.nan,
+        control=control,
+        trajectory=motion.trajectory,
+        costs=motion.costs,
+        timing={"build_s": 0.0, "solve_s": seconds, "verify_s": 0.0, "total_s": seconds},
+    )
+
+
+# --- the table ------------------------------------------------------------------------------------------------------
+
+
+def _row(entry: Entry, best: float | None) -> dict[str, Any]:
+    solution, verdict = entry.solution, entry.solution.verdict
+    timing = solution.timing
+    motion = _motion(entry) if entry.tried else dict.fromkeys(MOTION)
+    value = entry.objective_value
+    comparable = solution.converged and best is not None and best > 0
+    row = {
+        "name": solution.problem.name,
+        "solver": solution.solver,
+        "variant": entry.variant,
+        "folder": entry.folder,
+        "outcome": solution.outcome.value,
+        "converged": solution.converged,
+        "verified_error": verdict.error if verdict else None,
+        **motion,
+        "evaluations": solution.evaluations,
+        "build_s": timing.get("build_s"),
+        "solve_s": timing.get("solve_s"),
+        "claim_right": entry.claim_right,
+        "tolerance": solution.tolerance,
+        "objective": solution.problem.objective,
+        "objective_value": value if entry.tried else None,
+        "optimality_gap": value / best - 1 if comparable and best else None,
+        **_extremes(entry),
+        "iterations": solution.iterations[-1].get("k") if solution.iterations else None,
+        "verify_s": timing.get("verify_s"),
+        "peak_memory_mb": entry.memory,
+        "reason": None if solution.converged else solution.message,
+    }
+    return {key: _finite(item) for key, item in row.items()}
+
+
+MOTION = ("effort", "leg_effort", "path_length")
+EXTREMES = ("least_sigma_s", "least_sigma_w", "leg_length_min", "leg_length_max", "peak_leg_speed")
+
+
+def _motion(entry: Entry) -> dict[str, float | None]:
+    costs = entry.solution.costs
+    return {**{name: costs.get(name) for name in MOTION}, "effort": entry.solution.control.effort}
+
+
+def _extremes(entry: Entry) -> dict[str, float | None]:
+    """Extremes over the stored samples; None for what the system does not have."""
+    found: dict[str, float | None] = dict.fromkeys(EXTREMES)
+    if not entry.tried:
+        return found
+    trajectory = entry.solution.trajectory
+    for name in ("s", "w"):
+        found[f"least_sigma_{name}"] = _extreme(trajectory.get(f"sigma_{name}"), np.min)
+    if "leg_lengths" in trajectory:
+        found["leg_length_min"] = _extreme(trajectory["leg_lengths"], np.min)
+        found["leg_length_max"] = _extreme(trajectory["leg_lengths"], np.max)
+        found["peak_leg_speed"] = _extreme(np.abs(trajectory.get("u", np.nan)), np.max)
+    return found
+
+
+def _extreme(values: Any, pick: Callable[[Any], Any]) -> float | None:
+    """The least or greatest finite value."""
+    finite = np.ravel(np.asarray(values if values is not None else [], dtype=float))
+    finite = finite[np.isfinite(finite)]
+    return float(pick(finite)) if finite.size else None
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, float | np.floating):
+        return float(value) if math.isfinite(value) else None
+    return value
+
+
+def _cell(value: Any) -> Any:
+    if value is None or isinstance(value, bool):
+        return {None: "", True: "true", False: "false"}[value]
+    return repr(value) if isinstance(value, float) else value
+
+
+def _task(problem: PlanningProblem) -> str:
+    """What makes two problems the same task: everything but the solvers and the control to begin with."""
+    bounds = [[b.label, np.asarray(b.lower).tolist(), np.asarray(b.upper).tolist()] for b in problem.bounds]
+    parts = [
+        problem.name,
+        [problem.system.model, problem.system.parameters()],
+        [
+            {name: np.asarray(value).tolist() for name, value in part.items()}
+            for part in (problem.start, problem.goal)
+        ],
+        [problem.horizon.initial, problem.horizon.minimum, problem.horizon.maximum],
+        [problem.objective, problem.error_length, problem.scale, bounds],
+    ]
+    return json.dumps(parts, default=str)
+
+
+def _told_apart(entries: Sequence[Entry]) -> list[Entry]:
+    """Entries of one task with one name get what differs in their settings as a variant's name, else a number."""
+    same: dict[tuple[str, str], list[Entry]] = {}
+    for entry in entries:
+        same.setdefault((_task(entry.solution.problem), entry.variant), []).append(entry)
+    used: set[tuple[str, str]] = set()
+    renamed = []
+    for entry in entries:
+        task = _task(entry.solution.problem)
+        label, twins = entry.variant, same[task, entry.variant]
+        if len(twins) > 1:
+            settings = [twin.solution.settings for twin in twins]
+            mine = entry.solution.settings
+            differing = [key for key in mine if any(other.get(key) != mine[key] for other in settings)]
+            if differing:
+                label += ":" + ",".join(f"{key}={mine[key]}" for key in differing)
+        base, count = label, 1
+        while (task, label) in used:
+            count += 1
+            label = f"{base} ({count})"
+        used.add((task, label))
+        renamed.append(replace(entry, variant=label))
+    return renamed

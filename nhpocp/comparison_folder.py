@@ -1,0 +1,137 @@
+"""A comparison as files: report.html, comparison.csv, comparison.json, and every solution in `<name>/<variant>`."""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from nhpocp.comparison import VARIANTS, Comparison, Run
+from nhpocp.errors import InvalidProblemError, UnreadableSolutionError
+from nhpocp.problem import PlanningProblem
+from nhpocp.problem_file import variant
+from nhpocp.solution import Solution
+from nhpocp.solution_folder import check_target, is_solution_folder, load_solution
+
+FILES = ("report.html", "comparison.csv", "comparison.json")
+
+
+def plan(problems: Sequence[PlanningProblem], variants: Sequence[str], home: Path) -> dict[str, Run]:
+    """Every run by its folder under ``home``: both solvers on every problem, and the variants; a variant said twice
+    counts once.
+
+    Errors: `InvalidProblemError` for a variant that is none, two problems of one name, and folders that are not ours.
+    """
+    labels = list(dict.fromkeys([*VARIANTS, *variants]))
+    runs: dict[str, Run] = {}
+    owners: dict[Path, str] = {}
+    for problem in problems:
+        place = home / folder_name(problem.name)
+        if place in owners:
+            raise InvalidProblemError(
+                f"two problems would both be stored in {place}; give one of them another `name:`", path="name"
+            )
+        owners[place] = problem.name
+        for label in labels:
+            folder = place / folder_name(label)
+            if str(folder) in runs:
+                raise InvalidProblemError(
+                    f"--variant {label}: {runs[str(folder)].variant} would be stored in the same folder, {folder}"
+                )
+            check_target(folder)
+            runs[str(folder)] = Run(*variant(problem, label), label)
+    return runs
+
+
+def folder_name(name: str) -> str:
+    """A problem's or a variant's name as one folder name: `nlp:control=basis` is nlp-control-basis."""
+    safe = "".join(character if character.isalnum() or character in "-_." else "-" for character in name)
+    return safe if safe.strip(".") and safe not in FILES else f"{safe.strip('.') or 'problem'}-"
+
+
+def check_home(home: Path) -> None:
+    """Makes the folder of the report. Errors: `InvalidProblemError` where it cannot be written to."""
+    try:
+        home.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=home):
+            pass
+    except OSError as error:
+        raise InvalidProblemError(f"cannot write here: {error.strerror}", file=str(home)) from error
+    for name in FILES:
+        if (home / name).is_dir():
+            raise InvalidProblemError("a folder stands where the report goes", file=str(home / name))
+
+
+def write_comparison(
+    comparison: Comparison, home: Path, report: Callable[[Comparison, Path], Any]
+) -> list[Path]:
+    """The three files, each whole or not at all; ``report(comparison, file)`` writes the page.
+
+    Errors: `InvalidProblemError` where they cannot be written.
+    """
+    check_home(home)
+    text = json.dumps(comparison.to_json(), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    writers: dict[str, Callable[[Path], Any]] = {
+        "comparison.json": lambda file: file.write_text(text, encoding="utf-8"),
+        "comparison.csv": lambda file: file.write_text(comparison.to_csv(), encoding="utf-8", newline=""),
+        "report.html": lambda file: report(comparison, file),
+    }
+    for name, write in writers.items():
+        scratch = home / f".{name}.{os.getpid()}"
+        try:
+            write(scratch)
+            scratch.replace(home / name)
+        except OSError as error:
+            raise InvalidProblemError(
+                f"cannot write here: {error.strerror}", file=str(home / name)
+            ) from error
+        finally:
+            scratch.unlink(missing_ok=True)
+    return [home / name for name in FILES]
+
+
+def load_comparison(places: Iterable[Path]) -> Comparison:
+    """The comparison of stored solutions: solution folders, or folders that hold some, such as one that
+    `write_comparison` wrote.
+
+    Errors: `UnreadableSolutionError` for a place without solutions, or a damaged one.
+    """
+    folders = list(dict.fromkeys(folder for place in places for folder in solution_folders(place)))
+    return Comparison.of([_load(folder) for folder in folders], [str(folder) for folder in folders])
+
+
+def solution_folders(place: Path) -> list[Path]:
+    """The place itself or the solution folders under it, in the order of the comparison.json that lists them."""
+    if is_solution_folder(place):
+        return [place]
+    found = sorted(
+        file.parent
+        for file in place.rglob("solution.json")
+        if not any(part.startswith(".") for part in file.relative_to(place).parts)
+        and is_solution_folder(file.parent)
+    )
+    if not found:
+        raise UnreadableSolutionError(f"{place}: no solution folder, and none under it")
+    order: dict[tuple[str, ...], int] = {}
+    with suppress(OSError, ValueError, KeyError, TypeError):
+        listed = json.loads((place / "comparison.json").read_text(encoding="utf-8"))["runs"]
+        order = {Path(run["folder"]).parts[-2:]: k for k, run in enumerate(listed) if run["folder"]}
+    return sorted(found, key=lambda folder: order.get(folder.parts[-2:], len(order)))
+
+
+def _load(folder: Path) -> Solution:
+    """A stored solution; one that `compare` did not make says itself on which machine it was made."""
+    solution = load_solution(folder)
+    note = solution.details.get("comparison")
+    if note is None:
+        stored = json.loads((folder / "solution.json").read_text(encoding="utf-8"))
+        environment = {
+            key: value for key, value in stored.get("environment", {}).items() if value is not None
+        }
+        solution = replace(solution, details={**solution.details, "comparison": {"environment": environment}})
+    return solution

@@ -1,0 +1,52 @@
+"""Variants of a problem's solvers, `nlp:control=basis,intervals=40`: the settings that differ from the file's."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+from nhpocp.errors import InvalidProblemError
+from nhpocp.problem_file.building import parse_problem
+from nhpocp.problem_file.dumping import dump_problem
+from nhpocp.problem_file.issues import suggestion
+
+if TYPE_CHECKING:
+    from nhpocp.problem import PlanningProblem
+
+SOLVERS = ("jacobian", "nlp")
+
+
+def overrides(label: str) -> tuple[str, list[str]]:
+    """The solver of a variant and what it sets: ("nlp", ["solvers.nlp.control=basis"]) of `nlp:control=basis`.
+
+    Errors: `InvalidProblemError` for another form or an unknown solver.
+    """
+    name, colon, rest = label.partition(":")
+    settings = rest.split(",") if colon else []
+    form = "expected solver:key=value,key=value, such as nlp:control=basis"
+    if name not in SOLVERS:
+        raise InvalidProblemError(
+            f"--variant {label}: {name!r} is no solver; {suggestion(name, SOLVERS)}, as in nlp:control=basis"
+        )
+    if not all(re.fullmatch(r"\s*[\w.]+\s*=\s*\S.*", setting) for setting in settings):
+        raise InvalidProblemError(f"--variant {label}: {form}")
+    return name, [f"solvers.{name}.{setting.strip()}" for setting in settings]
+
+
+def variant(problem: PlanningProblem, label: str) -> tuple[PlanningProblem, Any]:
+    """The problem with a variant's settings in it, and its solver with them.
+
+    Errors: `InvalidProblemError` naming the variant, for keys and values that a problem file would refuse.
+    """
+    name, changes = overrides(label)
+    if changes or name not in problem.solvers:
+        try:
+            # a file without a name is called by its stem, which its text does not know
+            changed = replace(parse_problem(dump_problem(problem), None, changes), name=problem.name)
+        except InvalidProblemError as error:
+            words = re.sub(r" \(given by --set [^)]*\)", "", error.message)
+            message = f"{words} (given by --variant {label})"
+            raise InvalidProblemError(message, path=error.path) from None
+        return changed, changed.solvers[name]
+    return problem, problem.solvers[name]

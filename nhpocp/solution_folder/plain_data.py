@@ -1,0 +1,64 @@
+"""A Solution as the plain data of solution.json."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from nhpocp.solution import Solution
+from nhpocp.solution_folder.environment import environment
+
+SCHEMA_VERSION = 1
+
+
+def to_json(solution: Solution) -> dict[str, Any]:
+    """solution.json as plain data; NaN and infinities become None."""
+    problem, verdict = solution.problem, solution.verdict
+    data = {
+        "schema_version": SCHEMA_VERSION,
+        "name": problem.name,
+        "solver": solution.solver,
+        "system": {"model": problem.system.model, **problem.system.parameters()},
+        "settings": dict(solution.settings),
+        "tolerance": solution.tolerance,
+        "outcome": solution.outcome.value,
+        "converged": solution.converged,
+        "message": solution.message,
+        "warnings": [*solution.warnings, *(verdict.warnings if verdict else ())],
+        "final_error": solution.final_error,
+        "verified": verdict.to_json() if verdict else None,
+        "objective": solution.objective,
+        "effort": solution.control.effort,
+        "leg_effort": None,
+        "path_length": None,
+        **solution.costs,
+        "iterations": list(solution.iterations),
+        "evaluations": solution.evaluations,
+        "control": {"input": problem.system.input_label(), **solution.control.to_json()},
+        "trajectory": {name: np.asarray(values).tolist() for name, values in solution.trajectory.items()},
+        "crossings": [crossing.to_json() for crossing in verdict.crossings] if verdict else [],
+        "length_scale": problem.scale,
+        "constraints": {r.bound.label: r.to_json() for r in verdict.bounds} if verdict else {},
+        "details": dict(solution.details),
+        "timing": dict(solution.timing),
+        "environment": environment(solution.settings.get("plugin")),
+    }
+    return plain(data)
+
+
+def plain(value: Any) -> Any:
+    """The same value as strict JSON data: NaN and infinities become None, arrays become lists."""
+    if isinstance(value, float | np.floating):
+        return float(value) if math.isfinite(value) else None
+    if isinstance(value, np.integer | np.bool_):
+        return value.item()
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    return value

@@ -1,0 +1,235 @@
+"""Files -> Solution. Everything is validated here, once: who gets a Solution need not doubt its shapes and types."""
+
+from __future__ import annotations
+
+import lzma
+import math
+import os
+import struct
+import zipfile
+import zlib
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from io import BytesIO
+from pathlib import Path
+from tokenize import TokenError
+from typing import Any
+
+import numpy as np
+
+from nhpocp.arrays import Array
+from nhpocp.constraints import BoundReport
+from nhpocp.controls.control import Control
+from nhpocp.errors import InvalidProblemError, UnreadableSolutionError
+from nhpocp.problem import PlanningProblem
+from nhpocp.problem_file import control_from_json, load_problem
+from nhpocp.solution import Crossing, Replay, Solution, Verdict
+from nhpocp.solution_folder.stored import StoredSolution, StoredVerdict, parse_stored
+from nhpocp.systems.numeric import NumericSystem
+
+NEEDED = ("solution.json", "problem.yaml", "arrays.npz")
+COSTS = ("effort", "leg_effort", "path_length")
+SAME = 1e-9  # relative, between the two copies of the trajectory
+# what the zip and npy readers answer to damaged files; a header may also claim an array larger than the memory
+DAMAGE = (
+    *(ValueError, EOFError, LookupError, TypeError, AttributeError, RuntimeError, ArithmeticError),
+    *(SyntaxError, MemoryError, zipfile.BadZipFile, zlib.error, lzma.LZMAError, struct.error, TokenError),
+)
+
+
+def load_solution(folder: str | os.PathLike[str]) -> Solution:
+    """The Solution that a folder holds.
+
+    Errors: `UnreadableSolutionError` naming the file that is missing or damaged.
+    """
+    home = Path(folder)
+    for name in NEEDED:
+        with _reading(home / name):
+            if not (home / name).exists():
+                raise UnreadableSolutionError(f"no solution folder: {name} is missing", file=str(home))
+    with _reading(home / "solution.json"):
+        stored = parse_stored((home / "solution.json").read_bytes(), str(home / "solution.json"))
+    problem = _problem(home / "problem.yaml")
+    shapes = _shapes(problem)
+    with _reading(home / "solution.json"):
+        control = _control(stored, problem)
+        tables = {name: _table(name, value) for name, value in stored.trajectory.items()}
+        _check_shapes(tables, shapes, problem)
+    arrays = read_arrays(home / "arrays.npz")
+    with _reading(home / "arrays.npz"):
+        _check_shapes(arrays, shapes, problem)
+        _check_same(arrays, tables)
+    log = home / "solver.log"
+    with _reading(log):
+        text = log.read_text(encoding="utf-8", errors="replace") if log.exists() else ""
+    return _solution(stored, problem, control, arrays, text)
+
+
+@contextmanager
+def _reading(file: Path) -> Iterator[None]:
+    """Whatever goes wrong within is the fault of this file."""
+    try:
+        yield
+    except UnreadableSolutionError:
+        raise
+    except OSError as error:
+        raise UnreadableSolutionError(
+            f"cannot read this file: {error.strerror or error}", file=str(file)
+        ) from error
+    except InvalidProblemError as error:
+        raise UnreadableSolutionError(error.message, file=str(file), path=error.path) from error
+    except DAMAGE as error:
+        reason = str(error) or type(error).__name__
+        raise UnreadableSolutionError(f"damaged: {reason}", file=str(file)) from error
+
+
+def _problem(file: Path) -> PlanningProblem:
+    try:
+        return load_problem(file)
+    except InvalidProblemError as error:
+        raise UnreadableSolutionError(
+            error.message, file=str(file), line=error.line, column=error.column, path=error.path
+        ) from error
+
+
+def _control(stored: StoredSolution, problem: PlanningProblem) -> Control:
+    """The control, if it drives this system and its data say nothing else than what is read from them."""
+    data = stored.control.model_dump()
+    label, inputs = problem.system.input_label(), problem.system.input_space
+    if data.get("input") != label:
+        raise InvalidProblemError(f"expected {label!r}, the input of this system", path="control.input")
+    control = control_from_json(data)
+    if len(control.coefficients) != inputs.size:
+        raise InvalidProblemError(
+            f"rows for {len(control.coefficients)} inputs; the system has {inputs.size}", path="control"
+        )
+    if not np.isfinite(control.coefficients).all():
+        raise InvalidProblemError("NaN or infinity; expected finite numbers", path="control")
+    for name, value in control.to_json().items():
+        if not _same(value, data.get(name)):
+            raise InvalidProblemError(
+                "contradicts the rest of the control, or is no number", path=f"control.{name}"
+            )
+    return control
+
+
+def _same(expected: Any, found: Any) -> bool:
+    if isinstance(expected, Mapping):
+        return isinstance(found, Mapping) and all(
+            _same(value, found.get(name)) for name, value in expected.items()
+        )
+    if isinstance(expected, list) and any(isinstance(item, Mapping) for item in expected):
+        return (
+            isinstance(found, list)
+            and len(found) == len(expected)
+            and all(map(_same, expected, found))  # the pieces of a sequence
+        )
+    if isinstance(expected, list | float | int):
+        table = _table("control", found)
+        return table.shape == np.shape(expected) and np.allclose(table, expected, rtol=SAME, atol=1e-12)
+    return bool(expected == found)
+
+
+def _table(name: str, value: Any) -> Array:
+    """Nested lists of numbers as an array; null is NaN."""
+    table = np.array(value)
+    numbers = table.dtype.kind in "iuf" or (
+        table.dtype.kind == "O" and all(x is None or type(x) in (int, float) for x in table.flat)
+    )
+    if not numbers:
+        raise InvalidProblemError("expected numbers", path=name)
+    return table.astype(float)
+
+
+def read_arrays(file: Path) -> dict[str, Array]:
+    """The arrays of an npz file; every member is read whole, so that its checksum is checked."""
+    found = {}
+    with _reading(file), zipfile.ZipFile(file) as archive:
+        for name in archive.namelist():
+            array = np.lib.format.read_array(BytesIO(archive.read(name)), allow_pickle=False)
+            if array.dtype.kind not in "iuf":
+                raise InvalidProblemError("expected numbers", path=name.removesuffix(".npy"))
+            found[name.removesuffix(".npy")] = array.astype(float)
+    return found
+
+
+def _shapes(problem: PlanningProblem) -> dict[str, tuple[int, ...]]:
+    """The shape of one sample of everything that a trajectory of this system may hold."""
+    start, rest = problem.start_point[None], np.zeros((1, problem.system.input_space.size))
+    sample = NumericSystem(problem.system).trajectory(start, rest, problem.scale)
+    return {"t": (), **{name: np.shape(values)[1:] for name, values in sample.items()}}
+
+
+def _check_shapes(
+    arrays: Mapping[str, Array], shapes: Mapping[str, tuple[int, ...]], problem: PlanningProblem
+) -> None:
+    """Raises unless time, states and inputs are there and every array has one row of the right shape per time."""
+    for name in ("t", *problem.system.state_space.names, *problem.system.input_space.names):
+        if name not in arrays:
+            raise InvalidProblemError("this array is missing", path=name)
+    times = arrays["t"]
+    if times.ndim != 1 or times.size < 2 or not np.isfinite(times).all():
+        raise InvalidProblemError("expected two finite times or more", path="t")
+    for name, values in arrays.items():
+        expected = (times.size, *shapes.get(name, values.shape[1:]))
+        if values.shape != expected:
+            raise InvalidProblemError(f"shape {values.shape}; expected {expected}", path=name)
+
+
+def _check_same(arrays: Mapping[str, Array], tables: Mapping[str, Array]) -> None:
+    """Raises unless arrays.npz and the trajectory of solution.json agree."""
+    for name in arrays.keys() & tables.keys():
+        values = np.where(np.isfinite(arrays[name]), arrays[name], np.nan)
+        if values.shape != tables[name].shape or not np.allclose(
+            values, tables[name], rtol=SAME, atol=1e-12, equal_nan=True
+        ):
+            raise InvalidProblemError("differs from the trajectory in solution.json", path=name)
+
+
+def _solution(
+    stored: StoredSolution, problem: PlanningProblem, control: Control, arrays: dict[str, Array], log: str
+) -> Solution:
+    verdict = _verdict(stored, stored.verified, problem) if stored.verified else None
+    later = set(verdict.warnings) if verdict else set()
+    costs = {name: getattr(stored, name) for name in COSTS}
+    return Solution(
+        problem=problem,
+        solver=stored.solver,
+        settings=stored.settings,
+        tolerance=stored.tolerance,
+        outcome=stored.outcome,
+        message=stored.message,
+        final_error=_number(stored.final_error),
+        control=control,
+        trajectory=arrays,
+        costs={name: value for name, value in costs.items() if value is not None},
+        iterations=[record.model_dump(exclude_unset=True) for record in stored.iterations],
+        evaluations=stored.evaluations,
+        objective=stored.objective,
+        warnings=[warning for warning in stored.warnings if warning not in later],
+        timing=stored.timing,
+        log=log,
+        details=stored.details,
+        verdict=verdict,
+    )
+
+
+def _verdict(stored: StoredSolution, verified: StoredVerdict, problem: PlanningProblem) -> Verdict:
+    bounds, original = {bound.label: bound for bound in problem.bounds}, verified.original
+    reports = [
+        BoundReport(bounds[label], _number(r.worst), _number(r.t), tuple(r.component), r.ok)
+        for label, r in stored.constraints.items()
+        if label in bounds
+    ]
+    return Verdict(
+        **verified.model_dump(exclude={"original"}),
+        original=Replay(original.error, original.reached_t, original.ok, original.agreement)
+        if original
+        else None,
+        crossings=[Crossing(entry.which, entry.t, entry.state, entry.returns) for entry in stored.crossings],
+        bounds=reports,
+    )
+
+
+def _number(value: float | None) -> float:
+    return math.nan if value is None else value

@@ -1,0 +1,177 @@
+"""solution.json as pydantic models: what is read back, and of which type; further keys are ignored."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Self
+
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    JsonValue,
+    ValidationError,
+    field_validator,
+    model_validator,
+)
+
+from nhpocp.errors import UnreadableSolutionError
+from nhpocp.problem_file.issues import Issue, Refusal, dotted
+from nhpocp.problem_file.numbers import describe
+from nhpocp.solution import Outcome
+from nhpocp.solution_folder.plain_data import SCHEMA_VERSION
+
+Duration = Annotated[float, Field(gt=0)]
+
+
+class Stored(BaseModel):
+    """A mapping of solution.json."""
+
+    model_config = ConfigDict(strict=True, allow_inf_nan=False, frozen=True)
+
+
+class StoredReplay(Stored):
+    error: float | None
+    reached_t: float
+    ok: bool
+    agreement: float | None
+
+
+class StoredVerdict(Stored):
+    error: float | None
+    ok: bool
+    method: str
+    reasons: list[str]
+    original: StoredReplay | None
+    rolling: float | None
+    leg_rate: float | None
+    orthogonality: float | None
+    trajectory_deviation: float | None
+    warnings: list[str]
+
+
+class StoredCrossing(Stored):
+    model_config = ConfigDict(extra="allow")
+
+    which: str
+    t: float
+    returns: bool
+
+    @property
+    def state(self) -> dict[str, Any]:
+        return dict(self.model_extra or {})
+
+
+class StoredBound(Stored):
+    worst: float | None
+    ok: bool
+    t: float | None
+    component: list[int]
+
+
+class StoredRecord(Stored):
+    """One iteration; the numbers that pictures and reports use."""
+
+    model_config = ConfigDict(extra="allow")
+
+    k: int
+    error: float | None = None
+    gamma: float | None = None
+    __pydantic_extra__: dict[str, JsonValue]
+
+
+class StoredControl(Stored):
+    """What every control has; its basis reads the rest."""
+
+    model_config = ConfigDict(extra="allow")
+
+    basis: str
+    horizon: Duration
+    __pydantic_extra__: dict[str, JsonValue]
+
+
+class StoredSolution(Stored):
+    schema_version: int
+    name: str
+    solver: str
+    settings: dict[str, JsonValue]
+    tolerance: Annotated[float, Field(ge=0)]
+    outcome: Outcome
+    message: str
+    warnings: list[str]
+    final_error: float | None
+    verified: StoredVerdict | None
+    objective: str
+    effort: float | None
+    leg_effort: float | None
+    path_length: float | None
+    iterations: list[StoredRecord]
+    evaluations: Annotated[int, Field(ge=0)]
+    control: StoredControl
+    trajectory: dict[str, JsonValue]
+    crossings: list[StoredCrossing]
+    constraints: dict[str, StoredBound]
+    details: dict[str, JsonValue]
+    timing: dict[str, float]
+
+    @field_validator("schema_version")
+    @classmethod
+    def _readable(cls, version: int) -> int:
+        if version != SCHEMA_VERSION:
+            raise ValueError(f"version {version}; this nhpocp reads version {SCHEMA_VERSION}")
+        return version
+
+    @field_validator("settings")
+    @classmethod
+    def _gamma_is_a_number(cls, settings: dict[str, Any]) -> dict[str, Any]:
+        gamma = settings.get("gamma")
+        if gamma is not None and not isinstance(gamma, float | int):
+            raise Refusal([Issue(("gamma",), f"expected a number, got {describe(gamma)}")])
+        return settings
+
+    @model_validator(mode="after")
+    def _one_tolerance(self) -> Self:
+        """What verification allows is what the solver was asked for."""
+        asked = self.settings.get("tolerance")
+        if asked != self.tolerance:
+            came = f"{self.tolerance:g}, but settings.tolerance is {describe(asked)}"
+            raise Refusal([Issue(("tolerance",), came)])
+        return self
+
+
+_EXPECTED = {
+    "bool_type": "true or false",
+    "dict_type": "a mapping",
+    "enum": "an outcome",
+    "finite_number": "a finite number",
+    "float_type": "a number",
+    "greater_than": "a number above 0",
+    "greater_than_equal": "a number of at least 0",
+    "int_type": "a whole number",
+    "list_type": "a list",
+    "model_type": "a mapping",
+    "string_type": "text",
+}
+
+
+def parse_stored(text: bytes, file: str) -> StoredSolution:
+    """The content of solution.json.
+
+    Errors: `UnreadableSolutionError` with the key that is wrong.
+    """
+    try:
+        return StoredSolution.model_validate_json(text)
+    except ValidationError as error:
+        detail: Any = error.errors(include_url=False)[0]
+    kind, path, context = detail["type"], detail["loc"], detail.get("ctx") or {}
+    cause = context.get("error")
+    if isinstance(cause, Refusal):
+        path, message = (*path, *cause.issues[0].path), cause.issues[0].message
+    elif kind == "json_invalid":
+        message = f"damaged: this is not JSON: {cause}"
+    elif kind == "missing":
+        message = "required key is missing"
+    elif kind == "value_error":
+        message = str(cause)
+    else:
+        message = f"expected {_EXPECTED.get(kind, 'something else')}, got {describe(detail.get('input'))}"
+    raise UnreadableSolutionError(message, file=file, path=dotted(path) or None)

@@ -1,0 +1,39 @@
+"""The legs' check by differences: exact for any geometry and pose, so that what it finds is the equations' fault."""
+
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from nhpocp import so3
+from nhpocp.systems.numeric import NumericSystem
+from nhpocp.systems.three_upu import Leg, ThreeUPU
+from nhpocp.verification import geometry
+
+coordinate = st.floats(-1, 1)
+triple = st.tuples(coordinate, coordinate, coordinate)
+
+
+@settings(max_examples=25, deadline=None, derandomize=True)
+@given(
+    legs=st.tuples(*[st.tuples(triple, triple, triple, triple, st.booleans())] * 3),
+    position=triple,
+    turn=triple,
+    control=triple,
+)
+def test_rolling_holds_for_any_geometry_and_pose(legs, position, turn, control):
+    assume(all(np.linalg.norm(part) > 0.2 for leg in legs for part in leg[2:4]))
+    assume(np.linalg.norm(control) > 0.1)
+    robot = ThreeUPU(
+        legs=[
+            Leg(tuple(20 * x for x in a), tuple(10 * x for x in b), r, w4, "suslov" if suslov else "veselova")
+            for a, b, r, w4, suslov in legs
+        ]
+    )
+    pose = {"position": 10 * np.array(position) + [0, 0, 40], "orientation": so3.exp(2 * np.array(turn))}
+    states, numeric = robot.state_space.pack(pose)[None], NumericSystem(robot)
+    assume(abs(numeric.determinants(states)["s"][0]) > 1e-2)
+    rolling, leg_rate = geometry.residuals(numeric, states, np.array([control]))
+    assert rolling[0] < 1e-8
+    assert leg_rate[0] < 1e-8
