@@ -76,6 +76,8 @@ class Entry:
         solution = self.solution
         if solution.problem.objective == "time":
             return solution.control.horizon
+        if solution.problem.objective == "effort":
+            return solution.control.effort
         return float(solution.costs.get(solution.problem.objective, math.nan))
 
     @property

@@ -1,8 +1,9 @@
 #!/usr/bin/env python3
-"""Times multiple shooting against two hand-written scripts for the same NLP: `default`, N=50, one RK4 step per interval.
+"""Times multiple shooting against two hand-written scripts for the same NLP.
 
-Building and solving are counted, verification is not. Interleaved rounds, medians and ratios, since absolute times mean
-little on a shared machine. To be a fair rival, the careful script has to beat the plain one by far.
+`default`, N=50, one RK4 step per interval; building and solving are counted, verification is not. Interleaved rounds,
+medians and ratios, since absolute times mean little on a shared machine. To be a fair rival, the careful script has to
+beat the plain one by far.
 Run: .venv/bin/python scripts/benchmark_nlp.py [ROUNDS]
 """
 

@@ -2,7 +2,7 @@
 """Random workspace goals of `default`, and what the NLP solver says of them against what verification finds.
 
 x, y ∈ ±8, z ∈ 18…40, tilt up to 30°, yaw -120°…20°, det S and det W of the sign that they have at the start; N=50.
-IPOPT's word alone is often wrong there: a step jumps across det S = 0, and `Solve_Succeeded` ends elsewhere than it says.
+IPOPT's word alone is often wrong there: a step jumps across det S = 0, and `Solve_Succeeded` is not where it says.
 Run: .venv/bin/python scripts/random_goals.py [--goals 16] [--first 0] [--steps 1|auto] [--max-iterations 200]
 """
 
@@ -56,7 +56,9 @@ def main(arguments: argparse.Namespace) -> None:
         steps_per_interval=None if arguments.steps == "auto" else int(arguments.steps),
         optimizer=Ipopt(max_iterations=arguments.max_iterations),
     )
-    print("seed  outcome              status                            believed   verified  steps  iterations    s")
+    print(
+        "seed  outcome              status                            believed   verified  steps  iterations    s"
+    )
     outcomes: Counter[str] = Counter()
     false_claims = 0
     for seed in range(arguments.first, arguments.first + arguments.goals):
@@ -78,7 +80,9 @@ def main(arguments: argparse.Namespace) -> None:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--goals", type=int, default=16)
     parser.add_argument("--first", type=int, default=0, help="seed of the first goal")
     parser.add_argument("--steps", default="1", help="RK4 steps per interval, or auto")

@@ -8,8 +8,8 @@ from nhpocp import planning
 from nhpocp.constraints import Bound
 from nhpocp.solution import Outcome
 from nhpocp.solvers.continuation import Continuation
-from nhpocp.solvers.step_rules import Euler
 from nhpocp.solvers.multiple_shooting import MultipleShooting
+from nhpocp.solvers.step_rules import Euler
 
 SOLVERS = [Continuation(step_rule=Euler(1.0)), MultipleShooting()]
 

@@ -117,7 +117,7 @@ class _Run:
             except KeyboardInterrupt:
                 outcome, message = Outcome.INTERRUPTED, "Stopped by hand"
             except RuntimeError as error:  # CasADi and SUNDIALS report through RuntimeError
-                outcome = Outcome.SOLVER_ERROR
+                outcome = Outcome.INTERRUPTED if self.interruption.noted else Outcome.SOLVER_ERROR
                 message = f"CasADi failed: {str(error).strip().splitlines()[-1]}"
             seconds = perf_counter() - began
             return self.solution(outcome, message, self.here.coefficients if self.here else first, seconds)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar, Protocol
 
 import numpy as np
@@ -12,16 +12,24 @@ from nhpocp.controls.basis import ControlBasis
 from nhpocp.controls.control import Control
 from nhpocp.controls.piecewise_constant import PiecewiseConstant
 from nhpocp.controls.projection import project
-from nhpocp.errors import InvalidProblemError
+from nhpocp.errors import InvalidProblemError, OrientationAtPiError
 from nhpocp.flow.end_point_map import DifferentiatedEndPointMap
 from nhpocp.flow.integrators import RungeKutta4
-from nhpocp.problem import PlanningProblem
+from nhpocp.problem import Horizon, PlanningProblem
 from nhpocp.solution import Outcome, Solver
-from nhpocp.solvers.initial_control import seeded_coefficients
+from nhpocp.solvers.initial_control import NoStartError, seeded_coefficients
 from nhpocp.solvers.transcription import Guess
 from nhpocp.systems.numeric import NumericSystem
 
 STEPS_PER_INTERVAL = 4
+
+
+class NoGuessError(InvalidProblemError):
+    """A guess that cannot be made; ``outcome`` is how a solve ends that needed it."""
+
+    def __init__(self, message: str, outcome: Outcome, path: str) -> None:
+        super().__init__(message, path=path)
+        self.outcome = outcome
 
 
 class GuessMaker(Protocol):
@@ -44,7 +52,7 @@ def make_guess(
 ) -> Guess:
     """The guess of a maker over ``basis`` (None: piecewise constant), simulated.
 
-    Errors: `InvalidProblemError` where the simulation is not finite.
+    Errors: `NoGuessError` where there is none, or its simulation is not finite.
     """
     horizon = starting_horizon(problem)
     control = maker.control(problem, horizon, seed)
@@ -53,10 +61,11 @@ def make_guess(
         control = project(control, wanted)
     states = follow(problem, control, intervals, STEPS_PER_INTERVAL, numeric)
     if not np.isfinite(states).all():
-        raise InvalidProblemError(
+        raise NoGuessError(
             f"the path under the {maker.kind} guess is not finite; try another control.initial, or "
             "solvers.nlp.initial: straight",
-            path="control.initial" if maker.kind == "problem" else "solvers.nlp.initial",
+            Outcome.NOT_FINITE,
+            "control.initial" if maker.kind == "problem" else "solvers.nlp.initial",
         )
     return Guess(states, control)
 
@@ -86,6 +95,11 @@ def follow(
     return flow.states(problem.start_point, control.coefficients)[::steps]
 
 
+def held(problem: PlanningProblem, horizon: float) -> PlanningProblem:
+    """The problem with its horizon held, for those who cannot choose it."""
+    return replace(problem, horizon=Horizon(horizon)) if problem.horizon.free else problem
+
+
 @dataclass(frozen=True)
 class ProblemGuess:
     """The problem's own initial control; for the second and later starts a seeded one."""
@@ -98,23 +112,28 @@ class ProblemGuess:
         end_point_map = DifferentiatedEndPointMap(
             problem.system, problem.basis, horizon, problem.start_point, RungeKutta4()
         )
-        return Control(problem.basis, seeded_coefficients(problem, end_point_map, seed), horizon)
+        try:
+            coefficients = seeded_coefficients(held(problem, horizon), end_point_map, seed)
+        except NoStartError as error:
+            raise NoGuessError(error.message, Outcome.RANK_DEFICIENT, "control.initial") from error
+        return Control(problem.basis, coefficients, horizon)
 
 
 @dataclass(frozen=True)
 class SolverGuess:
-    """The control that another solver finds. Errors: `InvalidProblemError` if it finds none."""
+    """The control that another solver finds; without one the NLP ends as that solver did."""
 
     solver: Solver
     kind: ClassVar[str] = "jacobian"
 
     def control(self, problem: PlanningProblem, horizon: float, seed: int) -> Control:
-        solution = self.solver.solve(problem)
+        solution = self.solver.solve(held(problem, horizon))
         if solution.outcome is not Outcome.CONVERGED:
-            raise InvalidProblemError(
+            raise NoGuessError(
                 f"the {self.solver.name} solver, whose solution was to be the guess, ended as "
                 f"{solution.outcome.value}: {solution.message}",
-                path="solvers.nlp.initial",
+                solution.outcome,
+                "solvers.nlp.initial",
             )
         return solution.control
 
@@ -128,10 +147,24 @@ class StraightGuess:
 
     def control(self, problem: PlanningProblem, horizon: float, seed: int) -> Control:
         system, space = problem.system, problem.system.state_space
-        tangent = space.difference(problem.goal_point, problem.start_point)
+        try:
+            tangent = space.difference(problem.goal_point, problem.start_point)
+        except OrientationAtPiError as error:
+            raise NoGuessError(
+                "the goal is half a turn from the start, so no straight line leads there; use "
+                "solvers.nlp.initial: problem",
+                Outcome.ORIENTATION_AT_PI,
+                "solvers.nlp.initial",
+            ) from error
         controls = []
         for share in (np.arange(self.pieces) + 0.5) / self.pieces:
             state = np.asarray(space.retract(problem.start_point, share * tangent))
             fields = np.asarray(system.vector_fields(state))
+            if not np.isfinite(fields).all():
+                raise NoGuessError(
+                    f"the equations are undefined at {share:.3g} of the straight line to the goal",
+                    Outcome.NOT_FINITE,
+                    "solvers.nlp.initial",
+                )
             controls.append(np.linalg.lstsq(fields, tangent / horizon, rcond=None)[0])
         return Control(PiecewiseConstant(self.pieces), np.array(controls).T, horizon)

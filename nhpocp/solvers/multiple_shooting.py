@@ -18,9 +18,16 @@ from nhpocp.flow.simulation import Motion, simulate
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Outcome, Progress, Solution
 from nhpocp.solvers.certificate import optimality
-from nhpocp.solvers.guesses import GuessMaker, ProblemGuess, follow, make_guess, starting_horizon
+from nhpocp.solvers.guesses import (
+    GuessMaker,
+    NoGuessError,
+    ProblemGuess,
+    follow,
+    make_guess,
+    starting_horizon,
+)
 from nhpocp.solvers.interruption import Interruption
-from nhpocp.solvers.optimizers import Ipopt, Optimizer, Optimum
+from nhpocp.solvers.optimizers import Ipopt, Optimizer, Optimum, failed
 from nhpocp.solvers.single_shooting import SingleShooting
 from nhpocp.solvers.transcription import Guess, Transcription
 from nhpocp.systems.numeric import NumericSystem
@@ -72,6 +79,10 @@ class MultipleShooting:
         }
 
     def solve(self, problem: PlanningProblem, progress: Progress | None = None) -> Solution:
+        with Interruption():  # also between the optimizer's calls; the next one stops at once
+            return self._best(problem, progress)
+
+    def _best(self, problem: PlanningProblem, progress: Progress | None) -> Solution:
         best: Solution | None = None
         tried = []
         for start in range(self.starts):
@@ -132,7 +143,7 @@ class _Run:
             guess = make_guess(
                 self.maker, self.problem, self.basis, self.solver.intervals, self.seed, self.numeric
             )
-        except InvalidProblemError as error:
+        except NoGuessError as error:
             return self._without_optimum(error, perf_counter() - began)
         steps = self.solver.steps_per_interval or self._enough_steps(guess.control)
         programme, optimum = self._refine(*self._optimise(guess, steps, None))
@@ -162,7 +173,12 @@ class _Run:
 
             if multipliers is not None and len(multipliers) != len(programme.rows):
                 multipliers = None  # finer steps bring further rows of the same bounds
-            optimum = self.solver.optimizer.solve(programme, start, multipliers, watch)
+            try:
+                optimum = self.solver.optimizer.solve(programme, start, multipliers, watch)
+            except RuntimeError as error:  # what CasADi raises, whatever went wrong
+                optimum = failed(programme, start, error)
+            if interruption.noted:  # fatrop cannot be stopped, but what comes after it can
+                optimum = replace(optimum, outcome=Outcome.INTERRUPTED)
         before = self.records[-1]["k"] + 1 if self.records else 0
         self.records += [{**record, "k": before + record["k"]} for record in optimum.iterations]
         self.logs.append(optimum.log)
@@ -218,11 +234,20 @@ class _Run:
             reports = check_bounds(
                 self.problem.bounds, motion.trajectory["t"], motion.trajectory, BETWEEN_NODES
             )
-            broken = {report.bound.label: report.worst for report in reports if not report.ok}
+            broken = {report.bound.quantity: report.worst for report in reports if not report.ok}
+            tightened = [_tightened(bound, 1.5 * broken.get(bound.quantity, 0.0)) for bound in self.bounds]
             if not broken or not np.isfinite(list(broken.values())).all():
                 break
-            self.bounds = [_tightened(bound, 1.5 * broken.get(bound.label, 0.0)) for bound in self.bounds]
-            self.details["tightened"] = sorted({*self.details.get("tightened", []), *broken})
+            if None in tightened:
+                names = ", ".join(report.bound.label for report in reports if not report.ok)
+                self.warnings.append(
+                    f"{names} holds at the nodes but not between them, and is too narrow to be tightened; use more "
+                    "intervals"
+                )
+                break
+            self.bounds = [bound for bound in tightened if bound]
+            labels = {report.bound.label for report in reports if not report.ok}
+            self.details["tightened"] = sorted({*self.details.get("tightened", []), *labels})
             programme, optimum = self._optimise(plan, programme.steps, None)
             plan = programme.unpack(optimum.x)
             motion = simulate(self.problem, plan.control, self.numeric)
@@ -272,8 +297,9 @@ class _Run:
             )
         words = f"{self.solver.optimizer.kind} ended with {optimum.status} after {self.records[-1]['k']} iterations"
         if outcome is Outcome.INFEASIBLE:
-            worst = "; ".join(self._violated(programme, optimum)[:3])
-            words += f". Most violated: {worst}"
+            words += f". Most violated: {'; '.join(self._violated(programme, optimum)[:3])}"
+            if pressed := self._pressed(programme, optimum):
+                words += f". Held at their limits there: {'; '.join(pressed[:3])}"
         if outcome is Outcome.NOT_FINITE:
             words += f". {self._undefined(programme, optimum)}"
         return f"{words}. {outcome.advice}"
@@ -282,10 +308,20 @@ class _Run:
         """Constraints that do not hold, the stated ones first, most violated first."""
         excess = _excess(programme, optimum.constraints)
         horizon = programme.unpack(optimum.x).control.horizon
-        stated = np.array([row.lower < row.upper for row in programme.rows])
-        order = sorted(np.flatnonzero(excess > 1e-6), key=lambda i: (not stated[i], -excess[i]))
         rows = programme.rows
+        order = sorted(np.flatnonzero(excess > 1e-6), key=lambda i: (not rows[i].stated, -excess[i]))
         return [f"{rows[i].name} at t={rows[i].time * horizon:.4g} by {excess[i]:.3g}" for i in order]
+
+    def _pressed(self, programme: Transcription, optimum: Optimum) -> list[str]:
+        """Stated constraints that hold and push back, the strongest of each name."""
+        horizon = programme.unpack(optimum.x).control.horizon
+        excess, force = _excess(programme, optimum.constraints), np.abs(optimum.multipliers)
+        strongest: dict[str, int] = {}
+        for i in np.argsort(-force):
+            row = programme.rows[i]
+            if row.stated and excess[i] <= 1e-6 and force[i] > 1e-3 * force.max():
+                strongest.setdefault(row.name, int(i))
+        return [f"{name} at t={programme.rows[i].time * horizon:.4g}" for name, i in strongest.items()]
 
     def _undefined(self, programme: Transcription, optimum: Optimum) -> str:
         """Which constraint is not a number, at which node."""
@@ -298,7 +334,7 @@ class _Run:
         why = f"; {divided}, by which the equations divide, vanishes near it" if divided else ""
         return f"{row.name} is not a number at share {row.time:.4g} of the horizon{why}"
 
-    def _without_optimum(self, error: InvalidProblemError, seconds: float) -> Solution:
+    def _without_optimum(self, error: NoGuessError, seconds: float) -> Solution:
         """There was no guess to start from."""
         zeros = np.zeros((self.problem.system.input_space.size, self.problem.basis.size))
         control = Control(self.problem.basis, zeros, starting_horizon(self.problem))
@@ -308,7 +344,7 @@ class _Run:
             solver=self.solver.name,
             settings=self.solver.settings(),
             tolerance=self.solver.tolerance,
-            outcome=Outcome.NOT_FINITE,
+            outcome=error.outcome,
             message=f"No guess to start from: {error.message}.",
             final_error=float("nan"),
             control=control,
@@ -325,10 +361,12 @@ def _excess(programme: Transcription, constraints: Array) -> Array:
     return np.where(np.isnan(excess), np.inf, np.maximum(excess, 0.0))
 
 
-def _tightened(bound: Bound, amount: float) -> Bound:
+def _tightened(bound: Bound, amount: float) -> Bound | None:
+    """The bound moved inwards on both sides; None where nothing would be left inside."""
     if not amount:
         return bound
-    return replace(bound, lower=np.asarray(bound.lower) + amount, upper=np.asarray(bound.upper) - amount)
+    lower, upper = np.asarray(bound.lower) + amount, np.asarray(bound.upper) - amount
+    return replace(bound, lower=lower, upper=upper) if (lower <= upper).all() else None
 
 
 def mesh_check(solver: MultipleShooting, problem: PlanningProblem, solution: Solution) -> Mapping[str, Any]:

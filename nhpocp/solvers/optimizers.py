@@ -12,6 +12,7 @@ import casadi as ca
 import numpy as np
 
 from nhpocp.arrays import Array
+from nhpocp.errors import InvalidProblemError
 from nhpocp.solution import Outcome
 
 # ma27, ma57, ma86 and pardiso are absent from CasADi's wheel, ma97 crashes the interpreter at exit
@@ -24,6 +25,8 @@ ENDINGS = {
     "Maximum_CpuTime_Exceeded": Outcome.ITERATION_LIMIT,
     "Search_Direction_Becomes_Too_Small": Outcome.STAGNATED,
     "Solved_To_Acceptable_Level": Outcome.STAGNATED,
+    "Not_Enough_Degrees_Of_Freedom": Outcome.INFEASIBLE,
+    "Feasible_Point_Found": Outcome.CONVERGED,  # as many equations as unknowns: nothing is left to optimise
     "Diverging_Iterates": Outcome.DIVERGED,
     "Invalid_Number_Detected": Outcome.NOT_FINITE,
     "User_Requested_Stop": Outcome.INTERRUPTED,
@@ -141,7 +144,10 @@ class Ipopt:
             log = file.read_text(encoding="utf-8", errors="replace") if file.exists() else ""
         stats = solver.stats()
         status = str(stats["return_status"])
-        return _optimum(found, stats, ENDINGS.get(status, Outcome.SOLVER_ERROR), status, log)
+        outcome = ENDINGS.get(status, Outcome.SOLVER_ERROR)
+        # where IPOPT never started it has no history, and its count is garbage
+        count = int(stats["iter_count"]) if stats.get("iterations") else 0
+        return _optimum(programme, found, stats, outcome, status, count, log)
 
 
 @dataclass(frozen=True)
@@ -160,7 +166,10 @@ class Fatrop:
     ) -> Optimum:
         structure = programme.structure
         if structure is None:
-            raise ValueError("fatrop needs stages; single shooting has none")
+            raise InvalidProblemError(
+                "fatrop needs the stages of multiple shooting; single shooting has none; use plugin: ipopt",
+                path="solvers.nlp.plugin",
+            )
         solver = ca.nlpsol(
             "fatrop",
             "fatrop",
@@ -190,7 +199,7 @@ class Fatrop:
         else:
             outcome = Outcome.INFEASIBLE
         status = str(stats.get("unified_return_status", stats["return_status"]))
-        return _optimum(found, stats, outcome, status, "")
+        return _optimum(programme, found, stats, outcome, status, int(stats["iter_count"]), "")
 
 
 class _Callback(ca.Callback):
@@ -229,7 +238,13 @@ def _call(
 
 
 def _optimum(
-    found: Mapping[str, ca.DM], stats: Mapping[str, Any], outcome: Outcome, status: str, log: str
+    programme: Programme,
+    found: Mapping[str, ca.DM],
+    stats: Mapping[str, Any],
+    outcome: Outcome,
+    status: str,
+    count: int,
+    log: str,
 ) -> Optimum:
     history = stats.get("iterations") or {}
     records: list[dict[str, Any]] = []
@@ -244,17 +259,36 @@ def _optimum(
                 "step": float(history["alpha_pr"][k]),
             }
         )
+    # evaluated again: an optimizer that gave up early hands back zeros
+    objective, constraints = programme.functions["nlp"](found["x"], [])
     if not records:  # fatrop keeps no history
-        records = [{"k": int(stats["iter_count"]), "error": None, "objective": float(found["f"])}]
+        records = [{"k": count, "error": None, "objective": float(objective)}]
     return Optimum(
         x=np.array(found["x"]).ravel(),
-        objective=float(found["f"]),
+        objective=float(objective),
         multipliers=np.array(found["lam_g"]).ravel(),
-        constraints=np.array(found["g"]).ravel(),
+        constraints=np.array(constraints).ravel(),
         outcome=outcome,
         status=status,
         iterations=records,
         evaluations=int(stats.get("n_call_nlp_g", len(records))),
         log=log,
         cut_back=log.count("evaluation error"),
+    )
+
+
+def failed(programme: Programme, start: Array, error: Exception) -> Optimum:
+    """What is left where an optimizer raised: the start."""
+    objective, constraints = programme.functions["nlp"](start, [])
+    return Optimum(
+        x=np.asarray(start),
+        objective=float(objective),
+        multipliers=np.zeros(len(programme.lower)),
+        constraints=np.array(constraints).ravel(),
+        outcome=Outcome.SOLVER_ERROR,
+        status=f"an error ({str(error).strip().splitlines()[-1]})",
+        iterations=[{"k": 0, "error": None, "objective": float(objective)}],
+        evaluations=0,
+        log=str(error),
+        cut_back=0,
     )

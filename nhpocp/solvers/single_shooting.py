@@ -29,11 +29,7 @@ class SingleShooting(Transcription):
 
     def _rows(self) -> list[Row]:
         labels, N = self.problem.system.state_space.tangent_labels, self.intervals
-        rows = [
-            Row(name, low, high, (k + share) / N)
-            for k in range(N)
-            for name, low, high, share in self.interval.rows
-        ]
+        rows = [row for k in range(N) for row in self._stated(k)]
         return rows + [Row(f"goal of {labels[i]}", 0.0, 0.0, 1.0) for i in self.terminal]
 
     @cached_property

@@ -46,6 +46,7 @@ class Row:
     lower: float
     upper: float
     time: float  # share of the horizon
+    stated: bool = False  # by the problem file, not by the transcription
 
 
 class Interval:
@@ -61,6 +62,7 @@ class Interval:
     ) -> None:
         system, space = problem.system, problem.system.state_space
         self.problem, self.basis, self.steps, self.intervals = problem, basis, steps, intervals
+        self.bounds = bounds
         self.free_horizon = problem.horizon.free
         d, m = space.dimension, system.input_space.size
         statics = (m * basis.size if basis else 0) + int(self.free_horizon)
@@ -143,6 +145,8 @@ class Interval:
                 for name, expression, lower, upper in found:
                     if share == 0.0 and not ca.depends_on(ca.SX(expression), chosen):
                         continue
+                    if share < 1.0 and lower == upper:
+                        continue  # one control cannot hold an equation at several times
                     rows.append((name, lower, upper, share))
                     expressions.append(expression)
         return rows, expressions
@@ -195,6 +199,11 @@ class Transcription:
         self.terminal = self.problem.error_rows
         self.rows = self._rows()
 
+    @property
+    def _fixed(self) -> set[str]:
+        """Labels of the bounds on state blocks that the goal fixes."""
+        return {bound.label for bound in self.interval.bounds if bound.quantity in self.problem.goal}
+
     @cached_property
     def parameters(self) -> Array:
         """p_k as columns."""
@@ -223,10 +232,19 @@ class Transcription:
             rows += [
                 Row(f"static variable {i} at node {k + 1}", 0.0, 0.0, (k + 1) / N) for i in range(statics)
             ]
-            rows += [Row(name, low, high, (k + share) / N) for name, low, high, share in self.interval.rows]
+            rows += self._stated(k)
             if k == 0:
                 rows += [Row(f"start of {label}", 0.0, 0.0, 0.0) for label in labels]
         return rows + [Row(f"goal of {labels[i]}", 0.0, 0.0, 1.0) for i in self.terminal]
+
+    def _stated(self, k: int) -> list[Row]:
+        """Rows of the bounds in interval k. Those that the goal fixes go free: twice the same equation has no rank."""
+        rows = []
+        for name, low, high, share in self.interval.rows:
+            given = k == self.intervals - 1 and share == 1.0 and name.partition("[")[0] in self._fixed
+            free = (-np.inf, np.inf) if given else (low, high)
+            rows.append(Row(name, *free, (k + share) / self.intervals, stated=True))
+        return rows
 
     @property
     def lower(self) -> Array:

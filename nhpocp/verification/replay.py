@@ -27,7 +27,7 @@ from nhpocp.systems.system import System
 
 RTOL = ATOL = 1e-12
 METHOD = f"SciPy DOP853, rtol {RTOL:g}, atol {ATOL:g}, between the control's breakpoints"
-MOST_STEPS = 20_000  # a smooth path takes 20 to 500
+MOST_STEPS = 5_000  # a smooth path takes 20 to 500
 SHORTEST_STEP = 1e-9  # share of a smooth piece; a path that needs such steps ends there
 
 # Shares of a smooth piece at which basis functions are compared; not multiples of a fraction that a period may have

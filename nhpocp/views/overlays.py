@@ -231,7 +231,7 @@ def _path(drawn: Drawn) -> Overlay | None:
     views = [(pose, "start, goal (dashed) and paths")] if pose.drawing["lines"] else []
     for i, (shown, words) in enumerate([*views, (None, "the paths alone")]):
         count = len(views) + 1
-        axes = figure.add_axes(
+        axes: Any = figure.add_axes(
             ((i + 0.03) / count, 0.05, 0.9 / count, 0.8), projection="3d", computed_zorder=False
         )
         if shown:

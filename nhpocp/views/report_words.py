@@ -143,7 +143,11 @@ def _reached(entries: Sequence[Entry], names: Sequence[str]) -> Markup:
 
 def _costs(group: Group, names: Sequence[str]) -> Markup:
     best = group.best
-    good = [(e, name) for e, name in zip(group.entries, names, strict=True) if e.solution.converged]
+    good = [
+        (entry, name)
+        for entry, name in zip(group.entries, names, strict=True)
+        if entry.solution.converged and math.isfinite(entry.objective_value)
+    ]
     if best is None:
         return Markup("There is no verified motion whose cost could be compared.")
     what = cost_symbol(group.problem)
@@ -321,7 +325,7 @@ def limits(group: Group) -> list[Markup]:
     """What a reader must not conclude from the table."""
     entries, names = group.entries, titles(group.entries)
     found = _spaces(entries, names)
-    if any(entry.solution.objective == "none" for entry in entries):
+    if any(entry.tried and entry.solution.objective == "none" for entry in entries):
         found.append(
             Markup(
                 "The Jacobian method minimises nothing here: it takes the first control that reaches the goal. Its gap "
@@ -378,7 +382,7 @@ def _spaces(entries: Sequence[Entry], names: Sequence[str]) -> list[Markup]:
     )
     return [
         Markup(
-            "The controls come from different function spaces ({}). Each space has its own optimum, so part of any gap in "
-            "cost is the space and not the method; {}."
+            "The controls come from different function spaces ({}). Each space has its own optimum, so part of any gap "
+            "in cost is the space and not the method; {}."
         ).format(Markup("; ").join(parts), advice)
     ]
