@@ -247,6 +247,7 @@ def _build_nlp(data: NlpSettings, jacobian: Any) -> Any:
         guess=SolverGuess(jacobian or build_solver("jacobian")) if maker is SolverGuess else maker(),
         starts=data.starts,
         seed=data.seed,
+        mesh_check=data.mesh_check,
     )
 
 

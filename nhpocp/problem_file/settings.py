@@ -66,6 +66,9 @@ class NlpSettings(Strict):
     max_iterations: Whole = Field(default=1000, description="the NLP solver's")
     starts: Count = Field(default=1, description="tries: the file's guess, then seeded ones")
     seed: Whole = Field(default=0, description="of everything random")
+    mesh_check: bool = Field(
+        default=False, description="solve again with twice the intervals and say what it changes"
+    )
 
 
 class Solvers(Strict):

@@ -49,7 +49,7 @@ class MultipleShooting:
     ``steps_per_interval``: RK4 steps in each interval; None refines them until a simulation with ``FINER`` times as
     many steps ends within a tenth of the tolerance. Bounds that are broken between the nodes are tightened there by as
     much, and the problem is solved again. ``starts``: the first is ``guess``, the others seeded; the least objective
-    of those that end well is kept.
+    of those that end well is kept. ``mesh_check``: solve again with twice as many intervals and say what that changes.
     """
 
     intervals: int = 50
@@ -60,6 +60,7 @@ class MultipleShooting:
     guess: GuessMaker = field(default_factory=ProblemGuess)
     starts: int = 1
     seed: int = 0
+    mesh_check: bool = False
     name: ClassVar[str] = "nlp"
 
     @property
@@ -76,6 +77,7 @@ class MultipleShooting:
             **self.optimizer.settings(),
             "starts": self.starts,
             "seed": self.seed,
+            "mesh_check": self.mesh_check,
         }
 
     def solve(self, problem: PlanningProblem, progress: Progress | None = None) -> Solution:
@@ -97,7 +99,12 @@ class MultipleShooting:
                 break
         if best is None:
             raise InvalidProblemError("starts must be at least 1", path="solvers.nlp.starts")
-        return replace(best, details={**best.details, "starts": tried}) if self.starts > 1 else best
+        details = {**best.details, "starts": tried} if self.starts > 1 else dict(best.details)
+        if self.mesh_check and best.outcome is Outcome.CONVERGED:
+            began = perf_counter()
+            details["mesh_check"] = mesh_check(self, problem, best)
+            details["mesh_check_s"] = perf_counter() - began
+        return replace(best, details=details)
 
 
 def _objective(solution: Solution) -> float:
@@ -374,7 +381,7 @@ def mesh_check(solver: MultipleShooting, problem: PlanningProblem, solution: Sol
 
     A piecewise-constant control is off the continuous optimum by O(1/N²): the limit is near J(2N) + (J(2N) - J(N))/3.
     """
-    finer = replace(solver, intervals=2 * solver.intervals).solve(problem)
+    finer = replace(solver, intervals=2 * solver.intervals, mesh_check=False).solve(problem)
     coarse, fine = _objective(solution), _objective(finer)
     found = {"intervals": 2 * solver.intervals, "objective_value": fine, "outcome": finer.outcome.value}
     if finer.outcome is Outcome.CONVERGED:

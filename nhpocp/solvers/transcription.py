@@ -184,12 +184,21 @@ class Transcription:
 
     def _references(self, guess: Guess) -> Array:
         """x̄_k: the guess's own poses, but the start's and the goal's exactly."""
-        references = np.array(guess.states)
+        references = self._on_manifold(np.array(guess.states))
         references[0] = self.problem.start_point
         space = self.problem.system.state_space
         for name, value in self.problem.goal.items():
             references[-1, space.point_slice(name)] = np.ravel(value)
         return references
+
+    def _on_manifold(self, states: Array) -> Array:
+        """The states with their rotations made exact; RK4 leaves SO(3) by its error, and charts about it would stay."""
+        space = self.problem.system.state_space
+        for block in space.blocks:
+            if block.kind == "rotation":
+                left, _, right = np.linalg.svd(states[:, space.point_slice(block.name)].reshape(-1, 3, 3))
+                states[:, space.point_slice(block.name)] = (left @ right).reshape(-1, 9)
+        return states
 
     def _shape(self) -> None:
         interval, N = self.interval, self.intervals

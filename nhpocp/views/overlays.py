@@ -178,10 +178,12 @@ def _relative(drawn: Drawn) -> Overlay:
             )
             words = name if rotation else with_unit(f"{name} – goal", block.unit)
             panels.append(Panel(words, _relative_curve(block, i), zero=True))
-    caption = Markup(
-        "The path relative to the goal: zero at the end is the goal reached. Rotations by the rotation vector "
-        "<i>r</i> of <i>R</i>&#8239;<i>R</i><sub>d</sub><sup>T</sup>, undefined at a half turn."
-    )
+    caption = Markup("The path relative to the goal: zero at the end is the goal reached.")
+    if any(block.kind == "rotation" for block in drawn[0][0].problem.system.state_space.blocks):
+        caption += Markup(
+            " Rotations by the rotation vector <i>r</i> of <i>R</i>&#8239;<i>R</i><sub>d</sub><sup>T</sup>, "
+            "undefined at a half turn."
+        )
     return Overlay("relative_pose", "Relative pose", caption, _over_time(drawn, panels))
 
 
@@ -224,7 +226,7 @@ def _path(drawn: Drawn) -> Overlay | None:
     first = drawn[0][0]
     paths = [drawing.path_points(solution, path_of(solution)) for solution, _, _ in drawn]
     if not any(len(points) for points in paths):
-        return None
+        return _plain_path(drawn)
     pose, goal = drawing.poses_of(first)[0], drawing.goal_pose(first)
     every = np.concatenate(paths)
     figure = Figure(figsize=(WIDTH, 3.6))
@@ -243,7 +245,8 @@ def _path(drawn: Drawn) -> Overlay | None:
         boxes = [shown.drawing, *([goal.drawing] if goal else [])] if shown else []
         drawing.set_view(axes, *drawing.extent(*boxes, points=every), zoom=1.0 if shown else 0.85)
         if not shown:
-            axes.zaxis.labelpad = -1  # the narrow box leaves its numbers no room
+            axes.zaxis.labelpad = 0  # the narrow box leaves its numbers no room
+            axes.tick_params(axis="z", pad=3)
         figure.text((i + 0.5) / count, 0.9, words, ha="center", va="center")
     handles = [Line2D([], [], label=name, **_style(number)) for _, name, number in drawn]
     figure.legend(handles=handles, loc="upper left", ncols=min(len(handles), 4))
@@ -251,6 +254,35 @@ def _path(drawn: Drawn) -> Overlay | None:
         "The path of the moving body, from the open to the full dot, at the same scale on the three axes."
     )
     return Overlay("path", "Path in space", caption, figure)
+
+
+def _plain_path(drawn: Drawn) -> Overlay | None:
+    """The first numbers of the state against each other, for systems without a body in space."""
+    blocks = [block for block in drawn[0][0].problem.system.state_space.blocks if block.kind != "rotation"]
+    names = [name for block in blocks for name in plots.labels_with_unit(block)][:3]
+    if len(names) < 2 or {block.unit for block in blocks[:3]} != {blocks[0].unit}:
+        names = names[:2]  # at one scale only what has one unit
+    if len(names) < 2:
+        return None
+    curves = [
+        np.hstack([quantity(solution, block.name, path_of(solution)) for block in blocks])[:, : len(names)]
+        for solution, _, _ in drawn
+    ]
+    figure = Figure(figsize=(WIDTH, 3.4))
+    axes: Any = figure.add_axes((0.1, 0.13, 0.86, 0.74), projection="3d" if len(names) == 3 else None)
+    if len(names) == 3:
+        drawing.set_view(axes, *drawing.extent(points=np.concatenate(curves)), names=names, zoom=0.85)
+    else:
+        axes.set(xlabel=names[0], ylabel=names[1])
+        axes.set_aspect("equal", adjustable="datalim")
+    for curve, (_, _, number) in zip(curves, drawn, strict=True):
+        drawing.plot_path(axes, curve, **_style(number))
+    handles = [Line2D([], [], label=name, **_style(number)) for _, name, number in drawn]
+    figure.legend(handles=handles, loc="upper left", ncols=min(len(handles), 4))
+    caption = Markup(
+        "The first numbers of the state against each other, from the open to the full dot, at one scale."
+    )
+    return Overlay("path", "Path", caption, figure)
 
 
 def _mechanism(axes: Any, shown: Any) -> None:

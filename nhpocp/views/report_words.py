@@ -120,8 +120,8 @@ def _failure(entry: Entry, name: str) -> Markup:
             _named(name), reasons or "no reason stored"
         )
     words = solution.outcome.value.replace("_", " ")
-    reason = re.split(r"(?<=[^\d])\.\s", solution.message)[0].rstrip(".")
-    return Markup("{} ended as <q>{}</q> ({})").format(_named(name), words, reason)
+    reason = solution.message.removesuffix(solution.outcome.advice).strip().rstrip(".").replace(". ", "; ")
+    return Markup("{} ended as <q>{}</q> ({})").format(_named(name), words, reason or "no reason stored")
 
 
 def _reached(entries: Sequence[Entry], names: Sequence[str]) -> Markup:
