@@ -66,7 +66,7 @@ def test_every_integrator_finds_the_known_control(solver, problem):
     assert (lengths.min(), lengths.max()) == (pytest.approx(31.15, abs=5e-3), pytest.approx(48.79, abs=5e-3))
 
 
-@pytest.mark.parametrize("gamma", [0.05, 0.1, 0.5])
+@pytest.mark.parametrize("gamma", [0.1, 0.5])
 @pytest.mark.parametrize("preset", ["default", "normal75", "paper_conjecture"])
 def test_error_ratio_tends_to_one_minus_gamma(preset, gamma):
     errors = [

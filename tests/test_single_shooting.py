@@ -45,7 +45,7 @@ def test_the_rolled_out_path_satisfies_every_continuity_row():
 
 @pytest.mark.parametrize("intervals", [6, 15])  # with and without an exact Hessian
 def test_piecewise_constant_controls_agree_with_multiple_shooting(intervals):
-    assert (EXACT_HESSIAN_UP_TO >= 3 * 6) and (EXACT_HESSIAN_UP_TO < 3 * 15)
+    assert 3 * 6 <= EXACT_HESSIAN_UP_TO < 3 * 15
     one, other = both(paper_problem(), intervals=intervals, steps_per_interval=1)
     assert one.outcome is other.outcome is Outcome.CONVERGED
     assert one.details["objective_value"] == pytest.approx(other.details["objective_value"], rel=1e-6)

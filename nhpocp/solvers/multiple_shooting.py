@@ -269,7 +269,7 @@ class _Run:
         if outcome is Outcome.INFEASIBLE and not self._violated(programme, optimum):
             outcome = Outcome.STAGNATED  # restoration gave up next to a feasible point
         end = self._end(plan.control, programme.steps)
-        costates = programme.costates(optimum.multipliers)
+        costates = programme.costates(optimum.x, optimum.multipliers)
         self.details |= {
             "status": optimum.status,
             "objective_value": optimum.objective,

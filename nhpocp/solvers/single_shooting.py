@@ -75,5 +75,5 @@ class SingleShooting(Transcription):
     def structure(self) -> None:
         return None
 
-    def costates(self, multipliers: Array) -> None:
+    def costates(self, x: Array, multipliers: Array) -> None:
         return None

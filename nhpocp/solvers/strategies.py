@@ -23,6 +23,7 @@ from nhpocp.systems.numeric import NumericSystem
 FINER = 4  # times the steps of a claim, for the check that a strategy makes of it
 PIECES = (1, 2, 4, 8, 16)
 SEEDS = 8  # per manoeuvre
+SPREAD = 0.5  # standard deviation of a manoeuvre's first coefficients, times its duration
 EVALUATIONS = 60  # per try: starts that lead to the goal need 5 to 30
 HALVINGS = 6  # of the walk along the goal's geodesic
 
@@ -202,10 +203,13 @@ class Auto:
 
     def _piece(self, part: PlanningProblem, progress: Progress | None) -> Solution | None:
         """One manoeuvre: the shortest of the plans that the first seeds find."""
-        solver = replace(self.continuation, objective="none", max_iterations=60)
+        solver = replace(self.continuation, objective="none", max_iterations=EVALUATIONS)
+        shape = (part.system.input_space.size, part.basis.size)
         found = []
         for seed in range(SEEDS):
-            solution = replace(solver, seed=seed).solve(part, progress)
+            random = np.random.default_rng(self.continuation.seed + seed)
+            start = random.normal(0.0, SPREAD / part.horizon.fixed, shape)
+            solution = solver.solve(replace(part, initial=start), progress)
             if solution.outcome is Outcome.CONVERGED and self._confirmed(part, solution.control):
                 found.append(solution)
             if len(found) == 2 or solution.outcome is Outcome.INTERRUPTED:

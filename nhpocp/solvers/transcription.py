@@ -20,6 +20,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from nhpocp import so3
 from nhpocp.arrays import Array
 from nhpocp.constraints import Bound, bound_rows
 from nhpocp.controls.basis import ControlBasis
@@ -196,8 +197,8 @@ class Transcription:
         space = self.problem.system.state_space
         for block in space.blocks:
             if block.kind == "rotation":
-                left, _, right = np.linalg.svd(states[:, space.point_slice(block.name)].reshape(-1, 3, 3))
-                states[:, space.point_slice(block.name)] = (left @ right).reshape(-1, 9)
+                part = space.point_slice(block.name)
+                states[:, part] = [so3.nearest(rows.reshape(3, 3)).ravel() for rows in states[:, part]]
         return states
 
     def _shape(self) -> None:
@@ -400,8 +401,20 @@ class Transcription:
             "ng": [rows + self.interval.dimension] + [rows] * (N - 1) + [len(self.terminal)],
         }
 
-    def costates(self, multipliers: Array) -> Array | None:
-        """Multipliers of the continuity constraints (N, dimension), per unit of each tangent number."""
-        d, outputs = self.interval.dimension, self.outputs
+    def costates(self, x: Array, multipliers: Array) -> Array | None:
+        """p (N, dimension) at nodes 1…N, per unit of each tangent number: lengths, and radians in base coordinates.
+
+        The optimum changes by -p_k·δ where the path is set off by δ on arriving at node k, and by p_N·δ where the goal
+        moves by δ: p is the gradient of the cost of arriving.
+        """
+        space, d, outputs = self.problem.system.state_space, self.interval.dimension, self.outputs
         first = [k * outputs + (d if k > 0 else 0) for k in range(self.intervals)]
-        return np.array([multipliers[i : i + d] for i in first]) / self.interval.scales
+        costates = np.array([multipliers[i : i + d] for i in first]) / self.interval.scales
+        _, locals_ = self._stages(x)
+        for block in space.blocks:
+            if block.kind == "rotation":  # ċ = ½ (ω + ω×c + (c·ω) c) of the Gibbs vector c, transposed
+                part = space.tangent_slice(block.name)
+                c, p = locals_[1:, part], costates[:, part]
+                along = np.sum(c * p, axis=1, keepdims=True)
+                costates[:, part] = 0.5 * (p + np.cross(c, p) + along * c)
+        return costates
