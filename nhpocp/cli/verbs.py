@@ -157,6 +157,7 @@ def check(files: tuple[Path, ...], overrides: tuple[str, ...], as_json: bool) ->
             put({**error_data(failures[0]), "files": found})
         else:
             put(found[0] if len(found) == 1 else {"files": found})
+    gc.freeze()  # nor is it worth collecting at the end: a quarter of the time of `check`
     return BAD_INPUT if failures else SOLVED
 
 
