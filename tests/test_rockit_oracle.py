@@ -59,6 +59,6 @@ def test_rockit_finds_the_same_optimum():
     ocp.set_initial(state, np.array(states).T)
     options = {"print_time": False, "ipopt": {"print_level": 0, "sb": "yes"}, "error_on_fail": True}
     ocp.solver("ipopt", options)
-    ocp.method(rockit.MultipleShooting(N=intervals, M=2, intg="rk"))
+    ocp.method(rockit.MultipleShooting(N=intervals, M=1, intg="rk"))
     solution = ocp.solve()
     assert solution.value(ocp.objective) == pytest.approx(2.052478, rel=1e-5)
