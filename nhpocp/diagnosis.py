@@ -7,12 +7,31 @@ from typing import Any
 import casadi as ca
 
 from nhpocp.solution_folder import environment
+from nhpocp.solvers.optimizers import LINEAR_SOLVERS
 
 
 def diagnose() -> dict[str, Any]:
-    """Versions and the parts that were found by asking for them."""
+    """Versions and the parts that were found by asking for them; linear solvers by solving with them."""
     return {
         **{name: value for name, value in environment().items() if name != "plugin"},
         "integrators": [name for name in ("rk", "cvodes") if ca.has_integrator(name)],
         "nlp solvers": [name for name in ("ipopt", "fatrop") if ca.has_nlpsol(name)],
+        "linear solvers of ipopt": [name for name in LINEAR_SOLVERS if _solves(name)],
     }
+
+
+def _solves(linear_solver: str) -> bool:
+    """Whether IPOPT solves min x² + y², x + y = 1 with this linear solver."""
+    x = ca.SX.sym("x", 2)
+    quiet = {"print_level": 0, "sb": "yes", "linear_solver": linear_solver}
+    try:
+        solver = ca.nlpsol(
+            "tried",
+            "ipopt",
+            {"x": x, "f": ca.sumsqr(x), "g": ca.sum1(x)},
+            {"print_time": False, "ipopt": quiet},
+        )
+        found = solver(x0=0, lbg=1, ubg=1)
+    except RuntimeError:
+        return False
+    return bool(solver.stats()["success"]) and abs(float(found["f"]) - 0.5) < 1e-6

@@ -1,25 +1,59 @@
 #!/usr/bin/env python3
-"""Draws the pictures that Markdown shows, small, into problems/pictures/. Run: .venv/bin/python scripts/pictures.py"""
+"""Draws the pictures that Markdown shows, small, into problems/pictures/. Run: .venv/bin/python scripts/pictures.py
+
+The report's needs a chromium on the PATH and is left as it is without one.
+"""
 
 from __future__ import annotations
 
+import shutil
+import subprocess
+import tempfile
 from pathlib import Path
 
 import nhpocp
 from nhpocp.views import figures
 
 ROOT = Path(__file__).resolve().parents[1]
+PICTURES = ROOT / "problems" / "pictures"
 SHOWN = {"paper": ("robot", "controls"), "paper_conjecture": ("margins",)}
 
 
 def main() -> None:
-    folder = ROOT / "problems" / "pictures"
-    folder.mkdir(exist_ok=True)
+    PICTURES.mkdir(exist_ok=True)
     for name, pictures in SHOWN.items():
-        solution = nhpocp.solve(nhpocp.load_problem(ROOT / "problems" / f"{name}.yaml"))
+        problem = nhpocp.load_problem(ROOT / "problems" / f"{name}.yaml")
+        solution = nhpocp.solve(problem)
         for picture in pictures:
             figure = getattr(figures, picture)(solution)
-            figure.savefig(folder / f"{name}_{picture}.png", dpi=110, metadata={"Software": None})
+            figure.savefig(PICTURES / f"{name}_{picture}.png", dpi=110, metadata={"Software": None})
+        if name == "paper":
+            photograph_report(problem)
+
+
+def photograph_report(problem: nhpocp.PlanningProblem) -> None:
+    """The top of the comparison's page, half size."""
+    from PIL import Image
+
+    browser = shutil.which("chromium")
+    if browser is None:
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        page, shot = Path(folder) / "report.html", Path(folder) / "report.png"
+        nhpocp.write_report(nhpocp.compare([problem]), page)
+        options = [
+            "--headless",
+            "--no-sandbox",
+            "--disable-gpu",
+            "--hide-scrollbars",
+            "--window-size=1200,3000",
+        ]
+        subprocess.run(
+            [browser, *options, f"--screenshot={shot}", page.as_uri()], check=True, capture_output=True
+        )
+        with Image.open(shot) as image:
+            top = image.convert("L").crop((100, 900, 1100, 2560)).resize((600, 996))
+            top.quantize(16).save(PICTURES / "paper_report.png", optimize=True)
 
 
 if __name__ == "__main__":

@@ -4,6 +4,8 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from nhpocp.diagnosis import diagnose
+from nhpocp.errors import InvalidProblemError
 from nhpocp.solution import Outcome
 from nhpocp.solvers.optimizers import ENDINGS, LINEAR_SOLVERS, Fatrop, Ipopt, failed
 
@@ -159,3 +161,10 @@ def test_an_exception_becomes_an_ending():
 def test_settings_are_plain_data():
     assert Ipopt(1e-5, 7).settings() == {"plugin": "ipopt", "tolerance": 1e-5, "max_iterations": 7}
     assert Fatrop(1e-5, 7).settings() == {"plugin": "fatrop", "tolerance": 1e-5, "max_iterations": 7}
+
+
+def test_linear_solvers_come_from_a_list_that_was_tried():
+    """ma97 would crash the interpreter at its end."""
+    with pytest.raises(InvalidProblemError, match="available: mumps, spral"):
+        Ipopt(linear_solver="ma97")
+    assert diagnose()["linear solvers of ipopt"] == list(LINEAR_SOLVERS)

@@ -100,6 +100,13 @@ class Ipopt:
     linear_solver: str = "mumps"
     kind: ClassVar[str] = "ipopt"
 
+    def __post_init__(self) -> None:
+        if self.linear_solver not in LINEAR_SOLVERS:
+            raise InvalidProblemError(
+                f"linear solver {self.linear_solver!r}; available: {', '.join(LINEAR_SOLVERS)} (see `nhpocp doctor`)",
+                path="solvers.nlp",
+            )
+
     def settings(self) -> dict[str, Any]:
         return {"plugin": self.kind, "tolerance": self.tolerance, "max_iterations": self.max_iterations}
 
