@@ -23,14 +23,12 @@ def diagnose() -> dict[str, Any]:
 def _solves(linear_solver: str) -> bool:
     """Whether IPOPT solves min x² + y², x + y = 1 with this linear solver."""
     x = ca.SX.sym("x", 2)
-    quiet = {"print_level": 0, "sb": "yes", "linear_solver": linear_solver}
+    options: dict[str, Any] = {
+        "print_time": False,
+        "ipopt": {"print_level": 0, "sb": "yes", "linear_solver": linear_solver},
+    }
     try:
-        solver = ca.nlpsol(
-            "tried",
-            "ipopt",
-            {"x": x, "f": ca.sumsqr(x), "g": ca.sum1(x)},
-            {"print_time": False, "ipopt": quiet},
-        )
+        solver = ca.nlpsol("tried", "ipopt", {"x": x, "f": ca.sumsqr(x), "g": ca.sum1(x)}, options)
         found = solver(x0=0, lbg=1, ubg=1)
     except RuntimeError:
         return False

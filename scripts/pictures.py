@@ -52,7 +52,7 @@ def photograph_report(problem: nhpocp.PlanningProblem) -> None:
             [browser, *options, f"--screenshot={shot}", page.as_uri()], check=True, capture_output=True
         )
         with Image.open(shot) as image:
-            top = image.convert("L").crop((100, 900, 1100, 2560)).resize((600, 996))
+            top = image.convert("L").crop((100, 950, 1100, 2320)).resize((600, 822))
             top.quantize(16).save(PICTURES / "paper_report.png", optimize=True)
 
 

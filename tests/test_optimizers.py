@@ -30,6 +30,15 @@ def rosenbrock(x):
 
 CIRCLE = Small(rosenbrock, lambda x: [ca.sumsqr(x)], [0.0], [1.0])
 START = np.array([-0.5, 0.5])
+
+
+def _without_check(linear_solver):
+    """An `Ipopt` that has lost a linear solver since it was made."""
+    ipopt = Ipopt()
+    object.__setattr__(ipopt, "linear_solver", linear_solver)
+    return ipopt
+
+
 BEST = 0.0456748087  # Rosenbrock on the unit disk, at (.78641515, .61769831)
 
 
@@ -100,7 +109,7 @@ ENDS = {
         Small(lambda x: x[0] ** 2, lambda x: [ca.sqrt(x[0] - 3)], [0], [1]),
         Outcome.NOT_FINITE,
     ),
-    "no such linear solver": (Ipopt(linear_solver="ma27"), CIRCLE, Outcome.SOLVER_ERROR),
+    "no such linear solver": (_without_check("ma27"), CIRCLE, Outcome.SOLVER_ERROR),
 }
 
 
@@ -167,4 +176,6 @@ def test_linear_solvers_come_from_a_list_that_was_tried():
     """ma97 would crash the interpreter at its end."""
     with pytest.raises(InvalidProblemError, match="available: mumps, spral"):
         Ipopt(linear_solver="ma97")
-    assert diagnose()["linear solvers of ipopt"] == list(LINEAR_SOLVERS)
+    tried = diagnose()["linear solvers of ipopt"]  # spral wants OMP_CANCELLATION set before Python starts
+    assert "mumps" in tried
+    assert set(tried) <= set(LINEAR_SOLVERS)
