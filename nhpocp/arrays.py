@@ -76,6 +76,16 @@ class CasadiNamespace:
     def block(self, blocks: Sequence[Sequence[Any]]) -> Array:
         return self._ca.vertcat(*[self._ca.horzcat(*row) for row in blocks])
 
+    def jacobian(self, expression: Array, variable: Array) -> Array:
+        return self._ca.jacobian(expression, variable)
+
+    def symbol(self, size: int) -> Array:
+        """A column of new SX symbols."""
+        return self._ca.SX.sym("s", size)
+
+    def substitute(self, expression: Array, symbol: Array, value: Array) -> Array:
+        return self._ca.substitute(expression, symbol, value)
+
 
 Namespace = NumPyNamespace | CasadiNamespace
 _numpy, _casadi = cache(NumPyNamespace), cache(CasadiNamespace)
@@ -85,6 +95,11 @@ def namespace(*operands: Any) -> Namespace:
     """CasADi if any operand belongs to it, else NumPy."""
     symbolic = any(type(operand).__module__.partition(".")[0] == "casadi" for operand in operands)
     return _casadi() if symbolic else _numpy()
+
+
+def symbolic() -> CasadiNamespace:
+    """CasADi, for what only symbols can do."""
+    return _casadi()
 
 
 def cross(a: Array, b: Array) -> Array:
@@ -108,9 +123,15 @@ def unit(a: Array) -> Array:
     return a / norm(a)
 
 
-def solve_3x3(rows: Sequence[Array], right: Array) -> Array:
-    """x with ``rows[i] · x = right[i]`` by Cramer's rule: one division, and no factorisation to differentiate."""
+def adjugate_3x3(rows: Sequence[Array]) -> tuple[Array, Array]:
+    """Adjugate and determinant of the matrix with these rows."""
     r1, r2, r3 = rows
-    xp = namespace(r1, right)
+    xp = namespace(r1, r2, r3)
     c1, c2, c3 = cross(r2, r3), cross(r3, r1), cross(r1, r2)
-    return (c1 * right[0] + c2 * right[1] + c3 * right[2]) / xp.dot(r1, c1)
+    return xp.rows([c1, c2, c3]).T, xp.dot(r1, c1)
+
+
+def solve_3x3(rows: Sequence[Array], right: Array) -> Array:
+    """X with ``rows[i] · X = right[i]`` by Cramer's rule: one division a number, no factorisation to differentiate."""
+    adjugate, determinant = adjugate_3x3(rows)
+    return adjugate @ right / determinant

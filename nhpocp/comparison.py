@@ -23,7 +23,6 @@ from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Outcome, Progress, Solution, Solver
 from nhpocp.solvers.guesses import starting_horizon
 from nhpocp.solvers.interruption import Interruption
-from nhpocp.systems.numeric import NumericSystem
 
 SCHEMA_VERSION = 1
 VARIANTS = ("jacobian", "nlp")
@@ -244,7 +243,7 @@ def _failure(run: Run, error: Exception, seconds: float) -> Solution:
     reason = getattr(error, "message", None) or str(error).strip() or type(error).__name__
     zeros = np.zeros((problem.system.input_space.size, problem.basis.size))
     control = problem.control(zeros, starting_horizon(problem))
-    motion = simulate(problem, control, NumericSystem(problem.system))
+    motion = simulate(problem, control)
     return Solution(
         problem=problem,
         solver=run.solver.name,

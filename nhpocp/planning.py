@@ -12,7 +12,7 @@ from nhpocp.flow.simulation import simulate
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Outcome, Progress, Solution, Solver
 from nhpocp.solvers.interruption import Interruption
-from nhpocp.systems.numeric import NumericSystem
+from nhpocp.systems.numeric import NumericSystem, numeric_system
 from nhpocp.verification import verify
 
 ON_THE_SURFACE = 1e-9  # σ_min below which the sign of a determinant is rounding
@@ -46,14 +46,14 @@ def _refused(problem: PlanningProblem, solver: Solver) -> Solution | None:
     """The ending of a task that no path of this machine performs, recognised from its two ends alone."""
     if set(problem.goal) != set(problem.system.state_space.names):
         return None
-    numeric = NumericSystem(problem.system)
+    numeric = numeric_system(problem.system)
     ends = np.stack([problem.start_point, problem.goal_point])
     for outcome, sentence in (
         (Outcome.INFEASIBLE, _broken_bounds(problem, numeric, ends)),
         (Outcome.OTHER_COMPONENT, _opposite_signs(problem, numeric, ends)),
     ):
         if sentence:
-            return _unsolved(problem, solver, numeric, outcome, f"{sentence}. {outcome.advice}")
+            return _unsolved(problem, solver, outcome, f"{sentence}. {outcome.advice}")
     return None
 
 
@@ -69,7 +69,8 @@ def _broken_bounds(problem: PlanningProblem, numeric: NumericSystem, ends: Array
     of_the_pose = [b for b in problem.bounds if np.array_equal(still[b.quantity], moving[b.quantity])]
     reports = [report for report in check_bounds(of_the_pose, times, still) if not report.ok]
     return "; ".join(
-        f"the {'start' if report.time == 0 else 'goal'} itself breaks {report.describe()}"
+        f"the {'start' if report.time == 0 else 'goal'} itself breaks {report.name}, which is {report.value:.4g}, "
+        + report.limit_words()
         for report in reports
     )
 
@@ -85,13 +86,11 @@ def _opposite_signs(problem: PlanningProblem, numeric: NumericSystem, ends: Arra
     return "; ".join(sentences)
 
 
-def _unsolved(
-    problem: PlanningProblem, solver: Solver, numeric: NumericSystem, outcome: Outcome, message: str
-) -> Solution:
+def _unsolved(problem: PlanningProblem, solver: Solver, outcome: Outcome, message: str) -> Solution:
     """A Solution that stays at the start."""
     zeros = np.zeros((problem.system.input_space.size, problem.basis.size))
     control = problem.control(zeros, problem.horizon.initial or 1.0)
-    motion = simulate(problem, control, numeric)
+    motion = simulate(problem, control)
     return Solution(
         problem=problem,
         solver=solver.name,

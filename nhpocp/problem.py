@@ -14,9 +14,10 @@ from nhpocp.constraints import Bound
 from nhpocp.controls.basis import ControlBasis
 from nhpocp.controls.control import Control
 from nhpocp.controls.fourier import Fourier
-from nhpocp.errors import InvalidProblemError, OrientationAtPiError
+from nhpocp.errors import InvalidProblemError
 from nhpocp.state_space import StateSpace
 from nhpocp.systems.system import System
+from nhpocp.task import Task
 
 OBJECTIVES = ("effort", "leg_effort", "path_length", "time")
 
@@ -163,38 +164,18 @@ class PlanningProblem:
         return np.asarray(self.system.state_space.pack({**self.start, **self.goal}), dtype=float)
 
     @cached_property
-    def error_rows(self) -> Array:
-        """Indices of the tangent numbers that the goal fixes."""
-        space = self.system.state_space
-        ranges = [
-            np.arange(space.dimension)[space.tangent_slice(name)] for name in space.names if name in self.goal
+    def tasks(self) -> tuple[Task, ...]:
+        """What the path must meet, in the order of time; the goal is the last."""
+        wanted = [
+            *sorted(((via.share, via.goal) for via in self.via), key=lambda pair: pair[0]),
+            (1.0, self.goal),
         ]
-        return np.concatenate(ranges) if ranges else np.empty(0, dtype=int)
-
-    @cached_property
-    def error_weights(self) -> Array:
-        """Weight of each fixed tangent number in E."""
-        return np.asarray(self.system.state_space.weights(self.error_length))[self.error_rows]
-
-    def goal_difference(self, point: Array) -> Array:
-        """e of [Paper] eq. (8) over the blocks that the goal fixes, unweighted.
-
-        Errors: `OrientationAtPiError` where a fixed rotation is a half turn away.
-        """
-        space = StateSpace([block for block in self.system.state_space.blocks if block.name in self.goal])
-        here = self.system.state_space.unpack(point)
-        return np.asarray(
-            space.difference(space.pack({name: here[name] for name in space.names}), space.pack(self.goal))
-        )
+        space = self.system.state_space
+        return tuple(Task(space, goal, share, self.error_length, self.scale) for share, goal in wanted)
 
     def goal_error(self, point: Array) -> float:
         """E at a packed point, [Paper] section 4; NaN where it has none."""
-        if not np.isfinite(point).all():
-            return float("nan")
-        try:
-            return float(np.linalg.norm(self.error_weights * self.goal_difference(point)))
-        except OrientationAtPiError:
-            return float("nan")
+        return self.tasks[-1].error(point)
 
     @property
     def scale(self) -> float:

@@ -28,7 +28,6 @@ from nhpocp.problem_file import load_problem, variant
 from nhpocp.solution import Outcome, Solution, Verdict
 from nhpocp.solution_folder import save_solution
 from nhpocp.solvers.continuation import Continuation
-from nhpocp.systems.numeric import NumericSystem
 from nhpocp.views.report import write_report
 
 PROBLEMS = Path(__file__).parents[1] / "problems"
@@ -70,7 +69,7 @@ def made(scale: float = 1.0, ok: bool | None = True, **changes: Any) -> Solution
     """A Solution by hand: u = scale·(1 + sin), whose effort is 1.5·scale²."""
     problem = changes.pop("problem", line())
     control = Control(problem.basis, scale * np.array([[1, 1, 0, 0, 0], [0, 0, 0, 0, 0]]), 1.0)
-    motion = simulate(problem, control, NumericSystem(problem.system))
+    motion = simulate(problem, control)
     verdict = None if ok is None else Verdict(1e-9 if ok else 2.0, ok, "by hand", [] if ok else ["E = 2"])
     values: dict[str, Any] = {
         "problem": problem,

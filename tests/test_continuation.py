@@ -16,7 +16,6 @@ from nhpocp.solution import Outcome
 from nhpocp.solvers.continuation import Continuation
 from nhpocp.solvers.generalized_inverses import CoefficientMetric, Damped, L2Metric, Transpose
 from nhpocp.solvers.step_rules import Adaptive, Euler, Ode
-from nhpocp.systems.numeric import NumericSystem
 from nhpocp.systems.three_upu import ThreeUPU
 
 FINAL = np.array(  # [physics §2], default preset, γ = .1
@@ -283,7 +282,7 @@ def test_ends_singular_s_and_says_when():
 def test_ends_singular_w_in_the_original_form():
     """The leg speeds of a path of (7) through det W = 0, given to (3), which cannot pass there."""
     feedback = paper_problem("paper_conjecture")
-    motion = simulate(feedback, feedback.control(PAPER_START), NumericSystem(feedback.system)).trajectory
+    motion = simulate(feedback, feedback.control(PAPER_START)).trajectory
     speeds = np.linalg.lstsq(feedback.basis.table(motion["t"], 1.0), motion["u"], rcond=None)[0].T
     solution = solved(paper_problem("paper_conjecture", form="original", initial=speeds))
     assert solution.outcome is Outcome.SINGULAR_W

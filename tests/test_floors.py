@@ -11,9 +11,9 @@ import pytest
 
 ROOT = Path(__file__).parents[1] / "nhpocp"
 FLOORS = {
-    0: ("arrays", "errors", "machine", "so3", "state_space"),
+    0: ("arrays", "calls", "errors", "machine", "so3", "state_space"),
     1: ("systems", "controls"),
-    2: ("flow", "solution", "problem", "constraints", "objectives"),
+    2: ("flow", "solution", "problem", "task", "constraints", "objectives"),
     3: ("solvers",),
     4: ("planning", "verification", "comparison", "analysis", "views"),
     5: ("problem_file", "solution_folder", "comparison_folder", "sweep", "diagnosis"),
@@ -21,10 +21,11 @@ FLOORS = {
 }
 CHAINS = [  # inside a floor: a group may import the groups to its right, never those to its left
     ["state_space", "so3", "arrays"],
+    ["calls", "arrays"],
     ["controls", "controls.basis"],
     ["systems", "systems.system"],
     ["flow.end_point_map flow.simulation", "flow.variational", "flow.integrators flow.kernels"],
-    ["solution", "problem", "constraints objectives"],
+    ["solution", "problem", "task constraints objectives"],
     ["solvers.strategies", "solvers.continuation solvers.multiple_shooting", "solvers.generalized_inverses"],
     ["comparison", "planning", "verification"],
     ["sweep diagnosis comparison_folder", "problem_file solution_folder"],

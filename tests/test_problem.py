@@ -83,8 +83,8 @@ def test_a_free_horizon_has_a_fixed_value_only_if_given():
 )
 def test_free_goal_blocks_have_no_error_rows_and_no_weight(names, rows, weights):
     found = problem(goal={name: GOAL[name] for name in names}, error_length=10.0)
-    assert found.error_rows.tolist() == rows
-    assert found.error_weights.tolist() == weights
+    assert found.tasks[-1].rows.tolist() == rows
+    assert found.tasks[-1].weights.tolist() == weights
     space = found.system.state_space
     goal = space.unpack(found.goal_point)
     for name in space.names:

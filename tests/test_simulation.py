@@ -14,7 +14,7 @@ def test_samples_match_an_independent_integration(samples):
     problem = paper_problem(samples=samples)
     numeric = NumericSystem(problem.system)
     control = problem.control(PAPER_START)
-    found = simulate(problem, control, numeric).trajectory
+    found = simulate(problem, control).trajectory
 
     def rate(t, x):
         return np.array(numeric.rate_function(x, control(t)[0])).ravel()
@@ -30,10 +30,10 @@ def test_samples_match_an_independent_integration(samples):
 
 def test_costs():
     problem = paper_problem()
-    control, numeric = problem.control(PAPER_START), NumericSystem(problem.system)
-    motion = simulate(problem, control, numeric)
+    control = problem.control(PAPER_START)
+    motion = simulate(problem, control)
     assert motion.costs["effort"] == pytest.approx(1 + 3 * 0.125)  # ∫|v|² = Σλ₀² + ½ Σλ²
-    fine = simulate(paper_problem(samples=4001), control, numeric)
+    fine = simulate(paper_problem(samples=4001), control)
     legs = np.trapezoid(np.sum(fine.trajectory["u"] ** 2, axis=1), fine.trajectory["t"])
     assert motion.costs["leg_effort"] == pytest.approx(legs, rel=1e-5)
     assert motion.costs["path_length"] == pytest.approx(fine.costs["path_length"], rel=1e-5)
@@ -44,7 +44,7 @@ def test_path_length_of_a_pure_turn_is_the_angle_times_the_length_scale():
     problem = paper_problem("paper_conjecture", length_scale=7.0)
     coefficients = np.zeros((3, 5))
     coefficients[2, 0] = np.pi / 3
-    motion = simulate(problem, problem.control(coefficients), NumericSystem(problem.system))
+    motion = simulate(problem, problem.control(coefficients))
     assert motion.trajectory["position"][-1] == pytest.approx([0, 0, 36.06993827482299], abs=1e-9)
 
     def rho(psi):

@@ -41,7 +41,7 @@ class QuadratureMap:
     def __call__(self, coefficients: Array) -> tuple[float, Array]:
         """(cost, gradient (inputs · size,))."""
         path, jacobian = self._flow.sensitivity(self._start, coefficients)
-        return float(path[-1, -1]), jacobian[-1]
+        return float(path[-1, -1]), jacobian[-1, -1]
 
 
 def cost_map(

@@ -2,33 +2,45 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Protocol
 
 import casadi as ca
 import numpy as np
 
 from nhpocp.arrays import Array
+from nhpocp.calls import call
 from nhpocp.controls.basis import ControlBasis
-from nhpocp.flow.integrators import Integrator
+from nhpocp.flow.integrators import Flow, Integrator
 from nhpocp.flow.variational import VariationalEquations
-from nhpocp.systems.numeric import NumericSystem
+from nhpocp.state_space import StateSpace
+from nhpocp.systems.numeric import numeric_system
 from nhpocp.systems.system import System
 
 
 @dataclass(frozen=True)
 class EndPoint:
-    """Where a control leads: the path (k, n) whose last row is x(T), and the Jacobian (dimension, inputs · size).
+    """Where a control leads: the path (k, n), and the Jacobians (stops, dimension, inputs · size) of its stops.
 
-    A row of the Jacobian is a tangent number (rotations: ∂R Rᵀ as a vector, [Paper] eq. (10)), a column an entry of λ.
+    Stops are the times at which the path has something to meet; the last is T. A row of a Jacobian is a tangent number
+    (rotations: ∂R Rᵀ as a vector, [Paper] eq. (10)), a column an entry of λ.
     """
 
     path: Array
-    jacobian: Array
+    stops: tuple[int, ...]  # rows of the path
+    jacobians: Array
 
     @property
     def state(self) -> Array:
+        """x(T), packed."""
         return self.path[-1]
+
+    @property
+    def jacobian(self) -> Array:
+        """dx(T)/dλ, dimension × inputs · size."""
+        return self.jacobians[-1]
 
 
 class EndPointMap(Protocol):
@@ -40,10 +52,19 @@ class EndPointMap(Protocol):
 
 
 class EndPointMapFactory(Protocol):
-    """`DifferentiatedEndPointMap` or `VariationalEndPointMap`: two ways to the same Jacobian."""
+    """`DifferentiatedEndPointMap` or `VariationalEndPointMap`: two ways to the same Jacobian.
+
+    shares: of the horizon, where Jacobians are wanted besides the end.
+    """
 
     def __call__(
-        self, system: System, basis: ControlBasis, horizon: float, start: Array, integrator: Integrator
+        self,
+        system: System,
+        basis: ControlBasis,
+        horizon: float,
+        start: Array,
+        integrator: Integrator,
+        shares: Sequence[float] = (),
     ) -> EndPointMap: ...
 
 
@@ -51,32 +72,72 @@ class DifferentiatedEndPointMap:
     """The Jacobian as the derivative of what the integrator computes (automatic differentiation)."""
 
     def __init__(
-        self, system: System, basis: ControlBasis, horizon: float, start: Array, integrator: Integrator
+        self,
+        system: System,
+        basis: ControlBasis,
+        horizon: float,
+        start: Array,
+        integrator: Integrator,
+        shares: Sequence[float] = (),
     ) -> None:
-        space = system.state_space
-        self._flow = integrator.flow(NumericSystem(system).rate_function, basis, horizon)
-        self._start, self.times = start, self._flow.times
-        x, rate = ca.SX.sym("x", space.size), ca.SX.sym("rate", space.size)
-        self._lower = ca.Function("lower", [x], [ca.densify(ca.jacobian(space.lower(x, rate), rate))])
+        functions = numeric_system(system)
+        times = grid_through(integrator.grid(basis, horizon), shares, horizon)
+        self._flow: Flow = integrator.flow(
+            functions.rate_function, basis, horizon, times, functions.linearised_function
+        )
+        self._start, self.times, self._space = start, self._flow.times, system.state_space
+        self._stops = stops_of(self.times, shares, horizon)
 
     def __call__(self, coefficients: Array) -> EndPoint:
-        path, derivative = self._flow.sensitivity(self._start, coefficients)
-        return EndPoint(path, np.array(self._lower(path[-1])) @ derivative)
+        path, derivatives = self._flow.sensitivity(self._start, coefficients, self._stops)
+        lower = _lower(self._space)
+        jacobians = [
+            call(lower, path[i])[0].T @ rows for i, rows in zip(self._stops, derivatives, strict=True)
+        ]
+        return EndPoint(path, self._stops, np.stack(jacobians))
 
 
 class VariationalEndPointMap:
     """The Jacobian from the paper's variational equations (11)-(12); also gives the Gram matrix of (14)."""
 
     def __init__(
-        self, system: System, basis: ControlBasis, horizon: float, start: Array, integrator: Integrator
+        self,
+        system: System,
+        basis: ControlBasis,
+        horizon: float,
+        start: Array,
+        integrator: Integrator,
+        shares: Sequence[float] = (),
     ) -> None:
-        self._equations = VariationalEquations(system, basis, horizon, integrator)
+        times = grid_through(integrator.grid(basis, horizon), shares, horizon)
+        self._equations = VariationalEquations(system, basis, horizon, integrator, times)
         self._start, self.times = start, self._equations.flow.times
+        self._stops = stops_of(self.times, shares, horizon)
 
     def __call__(self, coefficients: Array) -> EndPoint:
-        path, jacobian, _ = self._equations.states(self._start, coefficients)
-        return EndPoint(path, jacobian)
+        path, jacobians, _ = self._equations.states(self._start, coefficients)
+        return EndPoint(path, self._stops, jacobians[list(self._stops)])
 
     def gram(self, coefficients: Array) -> Array:
         """D of [Paper] eq. (14), dimension × dimension."""
         return self._equations.states(self._start, coefficients)[2]
+
+
+def grid_through(times: Array, shares: Sequence[float], horizon: float) -> Array:
+    """An integrator's grid with these shares of the horizon in it."""
+    wanted = horizon * np.asarray(shares, dtype=float)
+    missing = [t for t in wanted if np.abs(times - t).min() > 1e-9 * horizon]
+    return np.sort(np.concatenate([times, missing])) if missing else times
+
+
+def stops_of(times: Array, shares: Sequence[float], horizon: float) -> tuple[int, ...]:
+    """Places of the shares, and of the end, in a grid that goes through them."""
+    inner = [int(np.abs(times - share * horizon).argmin()) for share in shares]
+    return (*inner, len(times) - 1)
+
+
+@lru_cache(maxsize=32)
+def _lower(space: StateSpace) -> ca.Function:
+    """A packed point ↦ the matrix (dimension × size) that takes its rate to tangent numbers."""
+    x, rate = ca.SX.sym("x", space.size), ca.SX.sym("rate", space.size)
+    return ca.Function("lower", [x], [ca.densify(ca.jacobian(space.lower(x, rate), rate))])

@@ -5,14 +5,16 @@ All are one kind of object: an `Integrator` makes a `Flow` for a right-hand side
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any, ClassVar, Protocol
 
 import casadi as ca
 import numpy as np
 
 from nhpocp.arrays import Array
+from nhpocp.calls import accumulated, call, mapped
 from nhpocp.controls.basis import ControlBasis
 from nhpocp.errors import InvalidProblemError
 
@@ -30,8 +32,10 @@ class Flow(Protocol):
         """y(T), (n,)."""
         ...
 
-    def sensitivity(self, start: Array, coefficients: Array) -> tuple[Array, Array]:
-        """The states as above, and dy(T)/dλ (n, m·size)."""
+    def sensitivity(
+        self, start: Array, coefficients: Array, stops: Sequence[int] = (-1,)
+    ) -> tuple[Array, Array]:
+        """The states as above, and dy/dλ at the grid's times of these indices, (stops, n, m·size)."""
         ...
 
 
@@ -45,9 +49,17 @@ class Integrator(Protocol):
         ...
 
     def flow(
-        self, rate: ca.Function, basis: ControlBasis, horizon: float, times: Array | None = None
+        self,
+        rate: ca.Function,
+        basis: ControlBasis,
+        horizon: float,
+        times: Array | None = None,
+        linearised: ca.Function | None = None,
     ) -> Flow:
-        """The flow of ẏ = rate(y, u) with u(t) = Λ φ(t) over [0, horizon], on the given times or on `grid`."""
+        """The flow of ẏ = rate(y, u) with u(t) = Λ φ(t) over [0, horizon], on the given times or on `grid`.
+
+        linearised: (y, u) ↦ [∂rate/∂y, ∂rate/∂u], n × (n + m), where a cheaper one than CasADi's AD finds is known.
+        """
         ...
 
 
@@ -75,11 +87,18 @@ class RungeKutta4:
         return uniform_grid(self.steps, basis.breakpoints(horizon), horizon)
 
     def flow(
-        self, rate: ca.Function, basis: ControlBasis, horizon: float, times: Array | None = None
+        self,
+        rate: ca.Function,
+        basis: ControlBasis,
+        horizon: float,
+        times: Array | None = None,
+        linearised: ca.Function | None = None,
     ) -> RungeKuttaFlow:
-        return RungeKuttaFlow(rate, basis, horizon, self.grid(basis, horizon) if times is None else times)
+        times = self.grid(basis, horizon) if times is None else times
+        return RungeKuttaFlow(rate, basis, horizon, times, linearised)
 
 
+@lru_cache(maxsize=64)
 def runge_kutta_step(rate: ca.Function) -> ca.Function:
     """(y, h, [u(t), u(t + h/2), u(t + h)]) ↦ y(t + h), the last argument m × 3."""
     y, h = ca.SX.sym("y", rate.size1_in(0)), ca.SX.sym("h")
@@ -95,7 +114,14 @@ def runge_kutta_step(rate: ca.Function) -> ca.Function:
 class RungeKuttaFlow:
     """`RungeKutta4` on one grid of times; the grid need not be uniform."""
 
-    def __init__(self, rate: ca.Function, basis: ControlBasis, horizon: float, times: Array) -> None:
+    def __init__(
+        self,
+        rate: ca.Function,
+        basis: ControlBasis,
+        horizon: float,
+        times: Array,
+        linearised: ca.Function | None = None,
+    ) -> None:
         self.times = np.asarray(times, dtype=float)
         self._h = np.diff(self.times)
         starts, ends = self.times[:-1], self.times[1:]
@@ -107,63 +133,65 @@ class RungeKuttaFlow:
                 basis.table(ends, horizon, "left"),
             ]
         )  # (3, steps, size)
-        self._rate = rate
-        self._walk = runge_kutta_step(rate).mapaccum(len(self._h))
-        self._rates = rate.map(len(self._h))
+        self._rate, self._given = rate, linearised
 
-    @cached_property
+    @property
     def _linearised(self) -> ca.Function:
-        """(y, u) ↦ [∂f/∂y, ∂f/∂u] at the four stages of every step at once."""
-        y, u = ca.SX.sym("y", self._rate.size1_in(0)), ca.SX.sym("u", self._rate.size1_in(1))
-        jacobian = ca.densify(ca.jacobian(self._rate(y, u), ca.vertcat(y, u)))
-        return ca.Function("linearised", [y, u], [jacobian]).map(4 * len(self._h))
+        return self._given or differentiated(self._rate)
 
     def _stage_controls(self, coefficients: Array) -> Array:
-        """u at every stage, m × 3·steps, the three stages of a step side by side."""
-        controls = np.einsum("ij,skj->iks", np.asarray(coefficients, dtype=float), self._stages)
-        return controls.reshape(len(coefficients), -1)
+        """u at every stage of every step, (steps, 3, m)."""
+        return (self._stages @ np.asarray(coefficients, dtype=float).T).swapaxes(0, 1)
 
     def states(self, start: Array, coefficients: Array) -> Array:
         return self._states(np.asarray(start, dtype=float), self._stage_controls(coefficients))
 
     def _states(self, start: Array, controls: Array) -> Array:
-        walked = np.array(self._walk(start, self._h[None, :], controls))
-        return np.vstack([start, walked.T])
+        (walked,) = call(accumulated(runge_kutta_step(self._rate), len(self._h)), start, self._h, controls)
+        return np.vstack([start, walked])
 
     def end(self, start: Array, coefficients: Array) -> Array:
         return self.states(start, coefficients)[-1]
 
-    def sensitivity(self, start: Array, coefficients: Array) -> tuple[Array, Array]:
+    def sensitivity(
+        self, start: Array, coefficients: Array, stops: Sequence[int] = (-1,)
+    ) -> tuple[Array, Array]:
         controls = self._stage_controls(coefficients)
         states = self._states(np.asarray(start, dtype=float), controls)
-        size, inputs = states.shape[1], len(coefficients)
-        onward = np.eye(size)  # dy(T)/dy at the end of the step
-        gradients = np.empty((len(self._h), size, 3 * inputs))
+        steps, size, inputs = len(self._h), states.shape[1], len(coefficients)
+        ends = [range(steps + 1)[stop] for stop in stops]
+        onward = np.zeros((len(ends), size, size))  # dy(stop)/dy at the end of the step
+        gradients = np.empty((steps, len(ends) * size, 3 * inputs))
         with np.errstate(all="ignore"):  # a path that runs away is the caller's to judge
             by_state, by_controls = self._step_derivatives(states, controls)
-            for k in range(len(self._h) - 1, -1, -1):
-                gradients[k] = onward @ by_controls[k]
-                onward = onward @ by_state[k]
-        stages = gradients.reshape(len(self._h), size, 3, inputs)
-        return states, np.einsum("knsm,skj->nmj", stages, self._stages, optimize=True).reshape(size, -1)
+            for k in range(steps - 1, -1, -1):
+                for place, end in enumerate(ends):
+                    if end == k + 1:
+                        onward[place] = np.eye(size)
+                rows = onward.reshape(-1, size)
+                gradients[k] = rows @ by_controls[k]
+                onward = (rows @ by_state[k]).reshape(onward.shape)
+            by_stage = gradients.reshape(steps, -1, 3, inputs).transpose(1, 3, 2, 0).reshape(-1, 3 * steps)
+            derivative = by_stage @ self._stages.reshape(3 * steps, -1)
+        return states, derivative.reshape(len(ends), size, -1)
 
     def _step_derivatives(self, states: Array, controls: Array) -> tuple[Array, Array]:
         """Derivatives of every step by its first state (steps, n, n) and by its three controls (steps, n, 3 m).
 
         The scheme is differentiated stage by stage, all steps side by side: K_i = F_i (I + a_i h K_{i-1}), F = ∂f/∂y.
         """
-        steps, size, inputs = len(self._h), states.shape[1], controls.shape[0]
-        u = controls.reshape(inputs, steps, 3)
-        first, middle, last = (np.ascontiguousarray(u[:, :, j]) for j in range(3))
-        y, h = states[:-1].T, self._h
-        points, slope = [y], y
+        steps, size, inputs = len(self._h), states.shape[1], controls.shape[2]
+        first, middle, last = (np.ascontiguousarray(controls[:, j]) for j in range(3))
+        y, h = states[:-1], self._h[:, None]
+        rates, points, slope = mapped(self._rate, steps), [y], y
         for offset, control in ((0.5, first), (0.5, middle), (1.0, middle)):
-            slope = np.array(self._rates(points[-1], control))
+            (slope,) = call(rates, points[-1], control)
             points.append(y + offset * h * slope)
-        linear = np.array(self._linearised(np.hstack(points), np.hstack([first, middle, middle, last])))
-        linear = linear.reshape(size, 4, steps, size + inputs).transpose(1, 2, 0, 3)
+        at = np.concatenate(points), np.concatenate([first, middle, middle, last])
+        (linear,) = call(mapped(self._linearised, 4 * steps), *at)
+        linear = linear.reshape(4, steps, size + inputs, size).swapaxes(2, 3)
         F, B = linear[..., :size], linear[..., size:]
-        step = h[:, None, None]
+        step = h[:, :, None]
         by_state, by_controls = np.zeros((steps, size, size)), np.zeros((steps, size, 3 * inputs))
         state_slope, control_slope = np.zeros_like(by_state), np.zeros_like(by_controls)
         for stage, (offset, column, weight) in enumerate(
@@ -175,6 +203,14 @@ class RungeKuttaFlow:
             by_state += weight * state_slope
             by_controls += weight * control_slope
         return np.eye(size) + step / 6 * by_state, step / 6 * by_controls
+
+
+@lru_cache(maxsize=64)
+def differentiated(rate: ca.Function) -> ca.Function:
+    """(y, u) ↦ [∂rate/∂y, ∂rate/∂u] by CasADi's AD."""
+    y, u = ca.SX.sym("y", rate.size1_in(0)), ca.SX.sym("u", rate.size1_in(1))
+    jacobian = ca.densify(ca.jacobian(rate(y, u), ca.vertcat(y, u)))
+    return ca.Function("linearised", [y, u], [jacobian])
 
 
 @dataclass(frozen=True)
@@ -197,7 +233,12 @@ class CasadiIntegrator:
         return uniform_grid(self.steps, basis.breakpoints(horizon), horizon)
 
     def flow(
-        self, rate: ca.Function, basis: ControlBasis, horizon: float, times: Array | None = None
+        self,
+        rate: ca.Function,
+        basis: ControlBasis,
+        horizon: float,
+        times: Array | None = None,
+        linearised: ca.Function | None = None,
     ) -> CasadiFlow:
         return CasadiFlow(self, rate, basis, horizon, self.grid(basis, horizon) if times is None else times)
 
@@ -249,6 +290,7 @@ class CasadiFlow:
         self._options = {"enable_reverse": False, **dict(integrator.options)}
         if integrator.plugin == "rk":
             self._options["number_of_finite_elements"] = len(self.times) - 1
+        self._jacobians: dict[tuple[int, ...], ca.Function] = {}
 
     @cached_property
     def _walk(self) -> ca.Function:
@@ -260,11 +302,19 @@ class CasadiFlow:
     def _end(self) -> ca.Function:
         return ca.integrator("end", self._plugin, self._problem, self.times[0], self.times[-1], self._options)
 
-    @cached_property
-    def _jacobian(self) -> ca.Function:
-        start, parameters = ca.MX.sym("y0", self._end.size1_in("x0")), ca.MX.sym("p", self._end.size1_in("p"))
-        end = self._end(x0=start, p=parameters)["xf"]
-        return ca.Function("jacobian", [start, parameters], [end, ca.jacobian(end, parameters)])
+    def _jacobian(self, stops: Sequence[int]) -> ca.Function:
+        """(y0, λ) ↦ y at the stops one below the other, and its derivative by λ."""
+        key = tuple(stops)
+        if key not in self._jacobians:
+            walk = ca.integrator(
+                "stops", self._plugin, self._problem, self.times[0], self.times[list(key)], self._options
+            )
+            start, parameters = ca.MX.sym("y0", walk.size1_in("x0")), ca.MX.sym("p", walk.size1_in("p"))
+            ends = ca.vec(walk(x0=start, p=parameters)["xf"])
+            self._jacobians[key] = ca.Function(
+                "jacobian", [start, parameters], [ends, ca.jacobian(ends, parameters)]
+            )
+        return self._jacobians[key]
 
     def states(self, start: Array, coefficients: Array) -> Array:
         walked = self._walk(x0=start, p=np.ravel(coefficients))["xf"]
@@ -273,8 +323,10 @@ class CasadiFlow:
     def end(self, start: Array, coefficients: Array) -> Array:
         return np.array(self._end(x0=start, p=np.ravel(coefficients))["xf"]).ravel()
 
-    def sensitivity(self, start: Array, coefficients: Array) -> tuple[Array, Array]:
-        end, jacobian = self._jacobian(start, np.ravel(coefficients))
+    def sensitivity(
+        self, start: Array, coefficients: Array, stops: Sequence[int] = (-1,)
+    ) -> tuple[Array, Array]:
+        ends, jacobian = self._jacobian(stops)(start, np.ravel(coefficients))
         states = self.states(start, coefficients)
-        states[-1] = np.array(end).ravel()  # the point that was differentiated
-        return states, np.array(jacobian)
+        states[list(stops)] = np.array(ends).reshape(len(stops), -1)  # the points that were differentiated
+        return states, np.array(jacobian).reshape(len(stops), states.shape[1], -1)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
@@ -12,7 +11,7 @@ from nhpocp.controls.control import Control
 from nhpocp.flow.integrators import RungeKutta4, uniform_grid
 from nhpocp.objectives import INTEGRANDS, available
 from nhpocp.problem import PlanningProblem
-from nhpocp.systems.numeric import NumericSystem
+from nhpocp.systems.numeric import numeric_system
 
 STEPS_AT_LEAST = 800  # where RK4's error on the paper's path is below 1e-11
 
@@ -25,12 +24,13 @@ class Motion:
     costs: dict[str, float]
 
 
-def simulate(problem: PlanningProblem, control: Control, numeric: NumericSystem) -> Motion:
+def simulate(problem: PlanningProblem, control: Control) -> Motion:
     """The motion under a control, at ``problem.samples`` equidistant times; NaN from where it cannot be integrated.
 
     The costs are trapezoidal sums over the integration's own steps (relative error about 1e-6), each step seeing the
     control's one-sided values; the effort is exact, from the Gram matrix.
     """
+    numeric = numeric_system(problem.system)
     samples, horizon = problem.samples, control.horizon
     steps = (samples - 1) * -(-STEPS_AT_LEAST // (samples - 1))
     times = uniform_grid(steps, control.breakpoints, horizon)
@@ -40,8 +40,7 @@ def simulate(problem: PlanningProblem, control: Control, numeric: NumericSystem)
     states = np.vstack([path[:-1], path[1:]])
     controls = np.vstack([control(times[:-1], "right"), control(times[1:], "left")])
     for name in available(problem.system)[1:]:
-        integrand = partial(INTEGRANDS[name], length_scale=problem.scale)
-        values = numeric.along(integrand, states, controls)  # one call: making the function is most of it
+        values = numeric.along(INTEGRANDS[name], states, controls, problem.scale)
         costs[name] = float(0.5 * np.diff(times) @ (values[:steps] + values[steps:]))
     kept = np.linspace(0.0, horizon, samples)
     kept_states = path[np.clip(np.searchsorted(times, kept - 1e-9 * horizon), 0, len(times) - 1)]

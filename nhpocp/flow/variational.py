@@ -23,21 +23,28 @@ def linearisation(system: System) -> ca.Function:
     space = system.state_space
     x, u = ca.SX.sym("x", space.size), ca.SX.sym("u", system.input_space.size)
     delta = ca.SX.sym("delta", space.dimension)
-    velocity = system.velocity(x, u)
+    velocity, (by_point, B) = system.velocity(x, u), system.linearised(x, u)
     # d velocity along a tangent δ: the packed point moves by lift(x, δ), no retraction to differentiate
-    directional = ca.jtimes(velocity, x, space.lift(x, delta))
+    directional = by_point @ space.lift(x, delta)
     for block in space.blocks:
         if block.kind == "rotation":
             part = space.tangent_slice(block.name)
             directional[part] = directional[part] + cross(velocity[part], delta[part])
-    A, B = ca.jacobian(directional, delta), ca.jacobian(velocity, u)
+    A = ca.jacobian(directional, delta)
     return ca.Function("linearisation", [x, u], [ca.densify(A), ca.densify(B)])
 
 
 class VariationalEquations:
     """x, M and D of one system integrated together, over one basis and horizon."""
 
-    def __init__(self, system: System, basis: ControlBasis, horizon: float, integrator: Integrator) -> None:
+    def __init__(
+        self,
+        system: System,
+        basis: ControlBasis,
+        horizon: float,
+        integrator: Integrator,
+        times: Array | None = None,
+    ) -> None:
         self._space, self._inputs, self._basis = system.state_space, system.input_space.size, basis
         n, d, m, size = self._space.size, self._space.dimension, self._inputs, basis.size
         y = ca.SX.sym("y", n + d * m * size + d * d)
@@ -49,16 +56,16 @@ class VariationalEquations:
         P = ca.kron(ca.SX.eye(m), phi.T)
         rate = ca.vertcat(system.rate(x, u), ca.vec(A @ M + B @ P), ca.vec(A @ D + D @ A.T + B @ B.T))
         # φ(t) is fed in as further inputs with the identity as their coefficients, so any integrator serves
-        self.flow = integrator.flow(ca.Function("variational", [y, w], [ca.densify(rate)]), basis, horizon)
+        whole = ca.Function("variational", [y, w], [ca.densify(rate)])
+        self.flow = integrator.flow(whole, basis, horizon, times)
 
     def states(self, start: Array, coefficients: Array) -> tuple[Array, Array, Array]:
-        """Path x (k, n), Jacobian M(T) (d, m·size) and Gram matrix D (d, d)."""
+        """Path x (k, n), Jacobians M along it (k, d, m·size) and Gram matrix D at its end (d, d)."""
         n, d, columns = self._space.size, self._space.dimension, self._inputs * self._basis.size
         start = np.concatenate([start, np.zeros(d * columns + d * d)])
         path = self.flow.states(start, np.vstack([coefficients, np.eye(self._basis.size)]))
-        end = path[-1]
         return (
             path[:, :n],
-            end[n : n + d * columns].reshape((d, columns), order="F"),
-            end[n + d * columns :].reshape((d, d), order="F"),
+            path[:, n : n + d * columns].reshape(len(path), columns, d).swapaxes(1, 2),
+            path[-1, n + d * columns :].reshape((d, d), order="F"),
         )

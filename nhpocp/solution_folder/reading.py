@@ -25,7 +25,7 @@ from nhpocp.problem import PlanningProblem
 from nhpocp.problem_file import control_from_json, load_problem
 from nhpocp.solution import Crossing, Replay, Solution, Verdict
 from nhpocp.solution_folder.stored import StoredSolution, StoredVerdict, parse_stored
-from nhpocp.systems.numeric import NumericSystem
+from nhpocp.systems.numeric import numeric_system
 
 NEEDED = ("solution.json", "problem.yaml", "arrays.npz")
 COSTS = ("effort", "leg_effort", "path_length")
@@ -156,7 +156,7 @@ def read_arrays(file: Path) -> dict[str, Array]:
 def _shapes(problem: PlanningProblem) -> dict[str, tuple[int, ...]]:
     """The shape of one sample of everything that a trajectory of this system may hold."""
     start, rest = problem.start_point[None], np.zeros((1, problem.system.input_space.size))
-    sample = NumericSystem(problem.system).trajectory(start, rest, problem.scale)
+    sample = numeric_system(problem.system).trajectory(start, rest, problem.scale)
     return {"t": (), **{name: np.shape(values)[1:] for name, values in sample.items()}}
 
 
@@ -217,12 +217,13 @@ def _solution(
 def _verdict(stored: StoredSolution, verified: StoredVerdict, problem: PlanningProblem) -> Verdict:
     bounds, original = {bound.label: bound for bound in problem.bounds}, verified.original
     reports = [
-        BoundReport(bounds[label], _number(r.worst), _number(r.t), tuple(r.component), r.ok)
+        BoundReport(bounds[label], _number(r.worst), _number(r.t), tuple(r.component), r.ok, _number(r.value))
         for label, r in stored.constraints.items()
         if label in bounds
     ]
     return Verdict(
-        **verified.model_dump(exclude={"original"}),
+        **verified.model_dump(exclude={"original", "reached_t"}),
+        reached=verified.reached_t,
         original=Replay(original.error, original.reached_t, original.ok, original.agreement)
         if original
         else None,

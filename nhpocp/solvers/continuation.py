@@ -15,12 +15,13 @@ from typing import Any, ClassVar
 import numpy as np
 
 from nhpocp.arrays import Array
+from nhpocp.controls.control import Control
 from nhpocp.flow.cost_map import cost_map
 from nhpocp.flow.end_point_map import DifferentiatedEndPointMap, EndPointMapFactory
 from nhpocp.flow.integrators import Integrator, RungeKutta4
 from nhpocp.flow.simulation import simulate
 from nhpocp.problem import PlanningProblem
-from nhpocp.solution import Outcome, Progress, Solution
+from nhpocp.solution import Outcome, Progress, Solution, Solver
 from nhpocp.solvers.end_point_error import EndPointError
 from nhpocp.solvers.evaluation import Evaluation, Evaluator
 from nhpocp.solvers.generalized_inverses import (
@@ -76,7 +77,49 @@ class Continuation:
         }
 
     def solve(self, problem: PlanningProblem, progress: Progress | None = None) -> Solution:
-        return _Run(self, problem, progress).solve()
+        return solution(self, problem, self.find(problem, progress))
+
+    def find(self, problem: PlanningProblem, progress: Progress | None = None) -> Found:
+        """The control alone, without the motion that it makes: what strategies of many tries need."""
+        return _Run(self, problem, progress).found()
+
+
+@dataclass(frozen=True)
+class Found:
+    """How a continuation ended, and with what control."""
+
+    outcome: Outcome
+    message: str
+    error: float  # E as the continuation believes
+    control: Control
+    records: list[dict[str, Any]]
+    details: dict[str, Any]
+    build_seconds: float
+    solve_seconds: float
+
+
+def solution(solver: Solver, problem: PlanningProblem, found: Found) -> Solution:
+    """What was found, with the motion that its control makes."""
+    motion = simulate(problem, found.control)
+    advice = "" if found.outcome is Outcome.CONVERGED else f" {found.outcome.advice}"
+    settings = solver.settings()
+    return Solution(
+        problem=problem,
+        solver=solver.name,
+        settings=settings,
+        tolerance=solver.tolerance,
+        outcome=found.outcome,
+        message=f"{found.message}.{advice}",
+        final_error=found.error,
+        control=found.control,
+        trajectory=motion.trajectory,
+        costs=motion.costs,
+        iterations=found.records,
+        evaluations=len(found.records),
+        objective=settings["objective"],
+        details=found.details,
+        timing={"build_s": found.build_seconds, "solve_s": found.solve_seconds},
+    )
 
 
 class _LimitReached(Exception):
@@ -91,7 +134,12 @@ class _Run:
         began = perf_counter()
         self.horizon = problem.horizon.fixed
         self.map = solver.sensitivity(
-            problem.system, problem.basis, self.horizon, problem.start_point, solver.integrator
+            problem.system,
+            problem.basis,
+            self.horizon,
+            problem.start_point,
+            solver.integrator,
+            [task.share for task in problem.tasks[:-1]],
         )
         factor = solver.metric.factor(problem.basis, problem.system.input_space.size, self.horizon)
         self.evaluator = Evaluator(problem, self.map, solver.inverse, factor)
@@ -102,7 +150,7 @@ class _Run:
         self.interruption = Interruption()
         self.build_seconds = perf_counter() - began
 
-    def solve(self) -> Solution:
+    def found(self) -> Found:
         began = perf_counter()
         first = np.zeros((self.problem.system.input_space.size, self.problem.basis.size))
         with Interruption() as self.interruption:
@@ -120,7 +168,16 @@ class _Run:
                 outcome = Outcome.INTERRUPTED if self.interruption.noted else Outcome.SOLVER_ERROR
                 message = f"CasADi failed: {str(error).strip().splitlines()[-1]}"
             seconds = perf_counter() - began
-            return self.solution(outcome, message, self.here.coefficients if self.here else first, seconds)
+            return Found(
+                outcome,
+                message,
+                self.here.error if self.here else np.nan,
+                self.problem.control(self.here.coefficients if self.here else first, self.horizon),
+                self.records,
+                self.details,
+                self.build_seconds,
+                seconds,
+            )
 
     def iterate(self, first: Array) -> tuple[Outcome, str]:
         """The loop of (17): evaluate, stop or step."""
@@ -202,7 +259,7 @@ class _Run:
     def ended(self, here: Evaluation) -> tuple[Outcome, str] | None:
         """Whether the loop stops here, and with what sentence."""
         k, error, direction = self.updates, here.error, here.direction
-        first, rows = self.records[0]["error"], len(self.problem.error_rows)
+        first, rows = self.records[0]["error"], sum(len(task.rows) for task in self.problem.tasks)
         if here.failure:
             return here.failure.outcome, f"Update {k}: {here.failure.sentence}"
         if error < self.solver.tolerance:
@@ -238,26 +295,4 @@ class _Run:
         return (
             Outcome.STAGNATED,
             f"E = {best:.3g} at best, and no better over the last {STAGNATION_WINDOW} updates",
-        )
-
-    def solution(self, outcome: Outcome, message: str, coefficients: Array, seconds: float) -> Solution:
-        control = self.problem.control(coefficients, self.horizon)
-        motion = simulate(self.problem, control, self.evaluator.numeric)
-        advice = "" if outcome is Outcome.CONVERGED else f" {outcome.advice}"
-        return Solution(
-            problem=self.problem,
-            solver=self.solver.name,
-            settings=self.solver.settings(),
-            tolerance=self.solver.tolerance,
-            outcome=outcome,
-            message=f"{message}.{advice}",
-            final_error=self.here.error if self.here else np.nan,
-            control=control,
-            trajectory=motion.trajectory,
-            costs=motion.costs,
-            iterations=self.records,
-            evaluations=len(self.records),
-            objective=self.solver.objective,
-            details=self.details,
-            timing={"build_s": self.build_seconds, "solve_s": seconds},
         )

@@ -1,4 +1,4 @@
-"""The end-point error e = (p_T - p_d, r_T) of [Paper] eq. (8), over the blocks that the goal fixes."""
+"""The end-point error e = (p_T - p_d, r_T) of [Paper] eq. (8), the via poses' errors above it."""
 
 from __future__ import annotations
 
@@ -6,59 +6,36 @@ from functools import cached_property
 
 import numpy as np
 
-from nhpocp import so3
 from nhpocp.arrays import Array
 from nhpocp.flow.end_point_map import EndPoint
 from nhpocp.problem import PlanningProblem
 
-HALF_TURN_WITHIN = 1e-7  # [rad]; closer to π the axis of the error is noise
-
 
 class EndPointError:
-    """e at one end point and E, its norm with the problem's weights; e and J dimensionless for the linear algebra.
+    """e of every task along one path and E, their norm with the problem's weights.
 
-    The rows of J for a rotation are s_T, not the derivative of the logarithm: [Paper] eq. (13) asks s_T = -γ r_T, which
-    is parallel to r, so that ṙ = -γ r exactly.
+    e and J, for the linear algebra, are dimensionless.
     """
 
     def __init__(self, problem: PlanningProblem, end: EndPoint) -> None:
-        self._problem, self._end = problem, end
-
-    @cached_property
-    def angle(self) -> float:
-        """The largest rotation between a block's end and its goal [rad]."""
-        space = self._problem.system.state_space
-        here, goal = space.unpack(self._end.state), self._problem.goal
-        return max(
-            (
-                float(so3.angle(here[b.name] @ goal[b.name].T))
-                for b in space.blocks
-                if b.kind == "rotation" and b.name in goal
-            ),
-            default=0.0,
-        )
+        self._met = [(task, end.path[stop]) for task, stop in zip(problem.tasks, end.stops, strict=True)]
+        self._jacobians = end.jacobians
 
     @property
-    def half_turn(self) -> bool:
-        """Whether an orientation is opposite to its goal, where the logarithm has no direction."""
-        return self.angle > np.pi - HALF_TURN_WITHIN
+    def half_turn(self) -> float | None:
+        """The angle of an orientation that is opposite to its goal, where the logarithm has no direction [rad]."""
+        return next((task.angle(point) for task, point in self._met if task.half_turn(point)), None)
 
     @cached_property
     def vector(self) -> Array:
-        """e over the fixed rows, lengths divided by the mechanism's own (`PlanningProblem.scale`)."""
-        return self._problem.goal_difference(self._end.state) * self._scales
-
-    @property
-    def _scales(self) -> Array:
-        units = np.array(self._problem.system.state_space.tangent_units)[self._problem.error_rows]
-        return np.where(units == "length", 1.0 / self._problem.scale, 1.0)
+        return np.concatenate([task.vector(point) for task, point in self._met])
 
     @property
     def jacobian(self) -> Array:
-        """Rows of the end point's Jacobian in the same scale: the rank depends on no unit and no error_length."""
-        return self._scales[:, None] * self._end.jacobian[self._problem.error_rows]
+        pairs = zip(self._met, self._jacobians, strict=True)
+        return np.vstack([task.jacobian(rows) for (task, _), rows in pairs])
 
     @property
     def norm(self) -> float:
         """E(θ), [Paper] section 4."""
-        return self._problem.goal_error(self._end.state)
+        return float(np.linalg.norm([task.error(point) for task, point in self._met]))

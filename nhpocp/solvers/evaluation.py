@@ -12,7 +12,7 @@ from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Outcome
 from nhpocp.solvers.end_point_error import EndPointError
 from nhpocp.solvers.generalized_inverses import Direction, GeneralizedInverse
-from nhpocp.systems.numeric import NumericSystem
+from nhpocp.systems.numeric import numeric_system
 
 SINGULAR = {"s": Outcome.SINGULAR_S, "w": Outcome.SINGULAR_W}  # by the name of the regularity matrix
 SINGULAR_BELOW = 0.05  # |det| against its value at the start, before a path that is not finite
@@ -52,7 +52,7 @@ class Evaluator:
         self, problem: PlanningProblem, end_point_map: EndPointMap, inverse: GeneralizedInverse, factor: Array
     ) -> None:
         self.problem, self.map, self.inverse, self.factor = problem, end_point_map, inverse, factor
-        self.numeric = NumericSystem(problem.system)
+        self.numeric = numeric_system(problem.system)
 
     def __call__(self, coefficients: Array) -> Evaluation:
         end = self.map(coefficients)
@@ -64,7 +64,7 @@ class Evaluator:
             return Evaluation(coefficients, end, np.inf, least, failure=failure)
         residual = EndPointError(self.problem, end)
         if residual.half_turn:
-            sentence = f"the orientation error is {residual.angle:.9f} rad, a half turn"
+            sentence = f"the orientation error is {residual.half_turn:.9f} rad, a half turn"
             trouble = Trouble(Outcome.ORIENTATION_AT_PI, sentence)
             return Evaluation(coefficients, end, np.inf, least, failure=trouble)
         direction = self.inverse(residual.jacobian, residual.vector, self.factor)

@@ -19,7 +19,7 @@ from nhpocp.problem import Horizon, PlanningProblem
 from nhpocp.solution import Outcome, Solver
 from nhpocp.solvers.initial_control import NoStartError, seeded_coefficients
 from nhpocp.solvers.transcription import Guess
-from nhpocp.systems.numeric import NumericSystem
+from nhpocp.systems.numeric import numeric_system
 
 STEPS_PER_INTERVAL = 4
 
@@ -48,7 +48,6 @@ def make_guess(
     basis: ControlBasis | None,
     intervals: int,
     seed: int,
-    numeric: NumericSystem | None = None,
 ) -> Guess:
     """The guess of a maker over ``basis`` (None: piecewise constant), simulated.
 
@@ -59,7 +58,7 @@ def make_guess(
     wanted = basis or PiecewiseConstant(intervals)
     if control.basis != wanted:
         control = project(control, wanted)
-    states = follow(problem, control, intervals, STEPS_PER_INTERVAL, numeric)
+    states = follow(problem, control, intervals, STEPS_PER_INTERVAL)
     if not np.isfinite(states).all():
         raise NoGuessError(
             f"the path under the {maker.kind} guess is not finite; try another control.initial, or "
@@ -86,12 +85,12 @@ def follow(
     control: Control,
     intervals: int,
     steps: int,
-    numeric: NumericSystem | None = None,
 ) -> Array:
     """States (intervals + 1, size) at the nodes under a control, by RK4 with ``steps`` per interval."""
-    numeric = numeric or NumericSystem(problem.system)
     times = np.linspace(0.0, control.horizon, intervals * steps + 1)
-    flow = RungeKutta4().flow(numeric.rate_function, control.basis, control.horizon, times)
+    flow = RungeKutta4().flow(
+        numeric_system(problem.system).rate_function, control.basis, control.horizon, times
+    )
     return flow.states(problem.start_point, control.coefficients)[::steps]
 
 

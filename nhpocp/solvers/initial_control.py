@@ -9,7 +9,7 @@ from nhpocp.errors import InvalidProblemError
 from nhpocp.flow.end_point_map import EndPointMap
 from nhpocp.problem import PlanningProblem
 from nhpocp.solvers.end_point_error import EndPointError
-from nhpocp.systems.numeric import NumericSystem
+from nhpocp.systems.numeric import numeric_system
 
 DRAWS = 100
 SPREAD = 0.5  # standard deviation of a coefficient, times 1/T: the size of the paper's own start
@@ -33,7 +33,7 @@ def seeded_coefficients(problem: PlanningProblem, end_point_map: EndPointMap, se
     Good: the path is finite and on one side of every singular surface, and the Jacobian's rows have full rank with room
     to spare. Errors: `NoStartError` if none of `DRAWS` controls is good.
     """
-    random, numeric = np.random.default_rng(seed), NumericSystem(problem.system)
+    random, numeric = np.random.default_rng(seed), numeric_system(problem.system)
     shape = (problem.system.input_space.size, problem.basis.size)
     for draw in range(DRAWS):
         # later draws are smaller: a short motion stays clear of the singular surfaces around the start

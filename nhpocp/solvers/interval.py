@@ -12,7 +12,7 @@ from nhpocp.constraints import Bound, bound_rows
 from nhpocp.controls.basis import ControlBasis
 from nhpocp.objectives import INTEGRANDS
 from nhpocp.problem import PlanningProblem
-from nhpocp.systems.numeric import NumericSystem
+from nhpocp.systems.numeric import numeric_system
 
 
 class Interval:
@@ -38,7 +38,7 @@ class Interval:
         here, there = ca.SX.sym("here", space.size), ca.SX.sym("there", space.size)
         tables = ca.SX.sym("phi", basis.size if basis else 0, 2 * steps + 1)
         horizon = w[self.nodes - 1] if self.free_horizon else problem.horizon.fixed
-        controls, self._rate = self._stage_controls(w, tables), NumericSystem(system).rate_function
+        controls, self._rate = self._stage_controls(w, tables), numeric_system(system).rate_function
         state = space.chart(self.scales * w[:d], here)
         points, cost = [(0.0, state, controls[0])], 0.0
         h = horizon / (intervals * steps)

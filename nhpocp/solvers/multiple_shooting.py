@@ -30,7 +30,7 @@ from nhpocp.solvers.interruption import Interruption
 from nhpocp.solvers.optimizers import Ipopt, Optimizer, Optimum, failed
 from nhpocp.solvers.single_shooting import SingleShooting
 from nhpocp.solvers.transcription import Guess, Transcription
-from nhpocp.systems.numeric import NumericSystem
+from nhpocp.systems.numeric import numeric_system
 
 MOST_STEPS = 16  # per interval
 RESIMULATION_SHARE = 0.1  # of the tolerance: the integration error that a plan may carry
@@ -134,7 +134,7 @@ class _Run:
             maker,
             seed,
         )
-        self.numeric = NumericSystem(problem.system)
+        self.numeric = numeric_system(problem.system)
         self.basis: ControlBasis | None = problem.basis if solver.over_basis else None
         self.bounds = list(problem.bounds)
         self.records: list[dict[str, Any]] = []
@@ -147,15 +147,13 @@ class _Run:
     def solve(self) -> Solution:
         began = perf_counter()
         try:
-            guess = make_guess(
-                self.maker, self.problem, self.basis, self.solver.intervals, self.seed, self.numeric
-            )
+            guess = make_guess(self.maker, self.problem, self.basis, self.solver.intervals, self.seed)
         except NoGuessError as error:
             return self._without_optimum(error, perf_counter() - began)
         steps = self.solver.steps_per_interval or self._enough_steps(guess.control)
         programme, optimum = self._refine(*self._optimise(guess, steps, None))
         plan = programme.unpack(optimum.x)
-        motion = simulate(self.problem, plan.control, self.numeric)
+        motion = simulate(self.problem, plan.control)
         programme, optimum, plan, motion = self._tighten(programme, optimum, plan, motion)
         return self._solution(programme, optimum, plan, motion, perf_counter() - began - self.build_seconds)
 
@@ -208,7 +206,7 @@ class _Run:
 
     def _end(self, control: Control, steps: int) -> Array:
         """Where a control leads with ``steps`` RK4 steps per interval."""
-        return follow(self.problem, control, self.solver.intervals, steps, self.numeric)[-1]
+        return follow(self.problem, control, self.solver.intervals, steps)[-1]
 
     def _resimulation_gap(self, control: Control, steps: int) -> float:
         """Distance of the end points with ``steps`` and with ``FINER`` times as many steps per interval."""
@@ -257,7 +255,7 @@ class _Run:
             self.details["tightened"] = sorted({*self.details.get("tightened", []), *labels})
             programme, optimum = self._optimise(plan, programme.steps, None)
             plan = programme.unpack(optimum.x)
-            motion = simulate(self.problem, plan.control, self.numeric)
+            motion = simulate(self.problem, plan.control)
         return programme, optimum, plan, motion
 
     # --- endings ------------------------------------------------------------------------------------------------
@@ -345,7 +343,7 @@ class _Run:
         """There was no guess to start from."""
         zeros = np.zeros((self.problem.system.input_space.size, self.problem.basis.size))
         control = Control(self.problem.basis, zeros, starting_horizon(self.problem))
-        motion = simulate(self.problem, control, self.numeric)
+        motion = simulate(self.problem, control)
         return Solution(
             problem=self.problem,
             solver=self.solver.name,

@@ -24,7 +24,7 @@ class SingleShooting(Transcription):
         self.statics = interval.nodes - interval.dimension
         self.size = self.statics + N * interval.controls
         self.outputs = interval.nodes + len(interval.rows)
-        self.terminal = self.problem.error_rows
+        self.terminal = self.problem.tasks[-1].rows
         self.rows = self._rows()
 
     def _rows(self) -> list[Row]:

@@ -18,7 +18,7 @@ from nhpocp.problem import Horizon, PlanningProblem
 from nhpocp.solution import Outcome, Progress, Solution
 from nhpocp.solvers.continuation import Continuation
 from nhpocp.solvers.step_rules import Adaptive
-from nhpocp.systems.numeric import NumericSystem
+from nhpocp.systems.numeric import numeric_system
 
 FINER = 4  # times the steps of a claim, for the check that a strategy makes of it
 PIECES = (1, 2, 4, 8, 16)
@@ -220,7 +220,7 @@ class Auto:
         """Where a control leads, with finer steps than the claim's."""
         steps = FINER * getattr(self.continuation.integrator, "steps", 100)
         flow = RungeKutta4(steps).flow(
-            NumericSystem(problem.system).rate_function, control.basis, control.horizon
+            numeric_system(problem.system).rate_function, control.basis, control.horizon
         )
         return flow.end(problem.start_point, control.coefficients)
 

@@ -89,7 +89,7 @@ class Transcription:
         self.stage = interval.nodes + interval.controls
         self.size = N * self.stage + interval.nodes
         self.outputs = interval.nodes + len(interval.rows)  # per interval: gaps, then rows
-        self.terminal = self.problem.error_rows
+        self.terminal = self.problem.tasks[-1].rows
         self.rows = self._rows()
 
     @property

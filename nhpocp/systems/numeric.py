@@ -10,9 +10,10 @@ import casadi as ca
 import numpy as np
 
 from nhpocp.arrays import Array
+from nhpocp.calls import call, mapped
 from nhpocp.systems.system import System
 
-Expression = Callable[[System, Any, Any], Any]
+Expression = Callable[..., Any]  # (system, x, u, parameters) ↦ the expression
 
 
 class NumericSystem:
@@ -22,6 +23,7 @@ class NumericSystem:
         self.system = system
         self._state = ca.SX.sym("x", system.state_space.size)
         self._control = ca.SX.sym("u", system.input_space.size)
+        self._expressions: dict[Any, tuple[ca.Function, dict[str, tuple[int, int]]]] = {}
 
     def _function(
         self, name: str, expressions: dict[str, ca.SX]
@@ -35,6 +37,20 @@ class NumericSystem:
         """(x, u) ↦ ẋ of the packed point."""
         rate = ca.densify(self.system.rate(self._state, self._control))
         return ca.Function("rate", [self._state, self._control], [rate], ["x", "u"], ["xdot"])
+
+    @cached_property
+    def linearised_function(self) -> ca.Function:
+        """(x, u) ↦ [∂ẋ/∂x, ∂ẋ/∂u] of the packed point, size × (size + inputs)."""
+        x, u, space = self._state, self._control, self.system.state_space
+        velocity = ca.SX.sym("velocity", space.dimension)
+        lifted = space.lift(x, velocity)
+        by_point, by_velocity = ca.jacobian(lifted, x), ca.jacobian(lifted, velocity)
+        of_velocity = self.system.linearised(x, u)
+        by_point = (
+            ca.substitute(by_point, velocity, self.system.velocity(x, u)) + by_velocity @ of_velocity[0]
+        )
+        found = ca.cse([ca.densify(ca.horzcat(by_point, by_velocity @ of_velocity[1]))])
+        return ca.Function("linearised", [x, u], found)
 
     @cached_property
     def _outputs(self) -> tuple[ca.Function, dict[str, tuple[int, int]]]:
@@ -56,10 +72,13 @@ class NumericSystem:
         """The regularity matrices at samples: (k, n) → (k, r, r) each."""
         return _evaluate(*self._regularity, states, np.zeros((len(states), self.system.input_space.size)))
 
-    def along(self, expression: Expression, states: Array, controls: Array) -> Array:
-        """An expression of (system, x, u) at samples, (k,) or (k, …)."""
-        value = ca.densify(ca.SX(expression(self.system, self._state, self._control)))
-        return _evaluate(*self._function("expression", {"value": value}), states, controls)["value"]
+    def along(self, expression: Expression, states: Array, controls: Array, *parameters: float) -> Array:
+        """An expression of (system, x, u, parameters) at samples, (k,) or (k, …)."""
+        key = expression, parameters
+        if key not in self._expressions:
+            value = ca.densify(ca.SX(expression(self.system, self._state, self._control, *parameters)))
+            self._expressions[key] = self._function("expression", {"value": value})
+        return _evaluate(*self._expressions[key], states, controls)["value"]
 
     def determinants(self, states: Array) -> dict[str, Array]:
         """det of every regularity matrix at samples, (k,) each."""
@@ -87,9 +106,10 @@ class NumericSystem:
         }
 
 
-@lru_cache(maxsize=64)  # making a map costs more than calling it
-def _mapped(function: ca.Function, samples: int) -> ca.Function:
-    return function.map(samples)
+@lru_cache(maxsize=32)
+def numeric_system(system: System) -> NumericSystem:
+    """The `NumericSystem` of a system, made once: solvers meet the same robot many times."""
+    return NumericSystem(system)
 
 
 def _evaluate(
@@ -98,12 +118,11 @@ def _evaluate(
     if not shapes:
         return {}
     samples = len(states)
-    values = _mapped(function, samples)(np.asarray(states).T, np.asarray(controls).T)
-    columns = values if isinstance(values, tuple) else (values,)
+    values = call(mapped(function, samples), states, controls)
     found = {}
-    for column, (name, (rows, cols)) in zip(columns, shapes.items(), strict=True):
+    for value, (name, (rows, cols)) in zip(values, shapes.items(), strict=True):
         shape = (samples, rows, cols) if cols > 1 else (samples, rows) if rows > 1 else (samples,)
-        found[name] = np.array(column).T.reshape(shape)
+        found[name] = value.reshape(shape)
     return found
 
 

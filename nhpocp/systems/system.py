@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, Protocol, Self
 
-from nhpocp.arrays import Array
+from nhpocp.arrays import Array, symbolic
 from nhpocp.state_space import StateSpace
 
 
@@ -40,6 +40,9 @@ class System(Protocol):
         """The system with a named set of parameters; further parameters override it."""
         return cls(**{**cls.presets[name], **parameters})
 
+    def __hash__(self) -> int:
+        return id(self)  # what is made for a system is kept beside it
+
     def parameters(self) -> dict[str, Any]:
         """Every parameter as plain JSON data; ``type(self)(**self.parameters())`` is the same system."""
         ...
@@ -55,6 +58,14 @@ class System(Protocol):
     def rate(self, state: Array, control: Array) -> Array:
         """ẋ of the packed point (size,)."""
         return self.state_space.lift(state, self.velocity(state, control))
+
+    def linearised(self, state: Array, control: Array) -> tuple[Array, Array]:
+        """∂velocity/∂x over the packed point (dimension × size) and ∂velocity/∂u, for SX symbols.
+
+        Override it where the equations' structure makes the derivative cheaper than differentiating `velocity`.
+        """
+        xp, velocity = symbolic(), self.velocity(state, control)
+        return xp.jacobian(velocity, state), xp.jacobian(velocity, control)
 
     def outputs(self, state: Array, control: Array) -> dict[str, Array]:
         """Named quantities worth plotting or bounding, besides states and inputs."""

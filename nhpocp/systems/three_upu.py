@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from math import cos, hypot, isfinite, pi, sin
 from typing import Any, ClassVar, Literal
 
-from nhpocp.arrays import Array, cross, dot, namespace, norm, solve_3x3, unit
+from nhpocp.arrays import Array, cross, dot, namespace, norm, solve_3x3, symbolic, unit
 from nhpocp.errors import InvalidProblemError
 from nhpocp.state_space import StateSpace, rotation, vector
 from nhpocp.systems.system import Parameter, System
@@ -284,6 +284,23 @@ class ThreeUPU(System):
             return xp.concatenate([self.translation(state, control), -control])
         # [Paper] eqs. (3)-(4); det G and det S may vanish here, det W may not
         return xp.solve(self.kinematics(state).W, xp.concatenate([control, 0.0 * control]))
+
+    def linearised(self, state: Array, control: Array) -> tuple[Array, Array]:
+        if self.form != "feedback":
+            return super().linearised(state, control)
+        # S ṗ = J v differentiated with ṗ held: d(S⁻¹ J v) = -S⁻¹ d(S ṗ - J v), a third of the operations
+        xp = symbolic()
+        held = xp.symbol(3)
+        position = state[self.state_space.point_slice("position")]
+        rows = [self.constraint_row(leg, leg.b - position) for leg in self.leg_poses(state)]
+        s, j = [row for row, _ in rows], xp.rows([row for _, row in rows])
+        residual = xp.vector([dot(row, held) for row in s]) - j @ control
+        change = xp.substitute(xp.jacobian(residual, state), held, solve_3x3(s, j @ control))
+        of_the_turn = 0.0 * change, -xp.eye(3)  # ω = -v whatever the pose
+        return (
+            xp.block([[-solve_3x3(s, change)], [of_the_turn[0]]]),
+            xp.block([[solve_3x3(s, j)], [of_the_turn[1]]]),
+        )
 
     def vector_fields(self, state: Array) -> Array:
         xp = namespace(state)

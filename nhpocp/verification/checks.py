@@ -13,7 +13,7 @@ import numpy as np
 from nhpocp.arrays import Array
 from nhpocp.constraints import BoundReport, check_bounds
 from nhpocp.solution import Crossing, Replay, Solution, Verdict
-from nhpocp.systems.numeric import NumericSystem
+from nhpocp.systems.numeric import numeric_system
 from nhpocp.verification import geometry
 from nhpocp.verification.crossings import find_crossings
 from nhpocp.verification.replay import (
@@ -54,6 +54,7 @@ def verify(solution: Solution) -> Verdict:
         return Verdict(
             error=error,
             method=check.method,
+            reached=float(check.path.reached),
             original=original,
             rolling=rolling,
             leg_rate=leg_rate,
@@ -80,7 +81,7 @@ class _Check:
         self.problem, self.control = self.solution.problem, self.solution.control
         self.system: Any = self.problem.system
         self.space = self.system.state_space
-        self.numeric = NumericSystem(self.system)
+        self.numeric = numeric_system(self.system)
         self.path = replay(self.numeric, self.control, self.problem.start_point)
         self.samples = sample(self.path, self.control, SAMPLES)
         self.allowed = SLACK * self.solution.tolerance
