@@ -21,7 +21,9 @@ from nhpocp.systems.system import System
 class Bound:
     """lower ≤ quantity ≤ upper at every time, componentwise; bounds broadcast over the quantity's components."""
 
-    label: str  # as the problem file calls it: leg_length, leg_speed, control, clearance, state.position
+    label: (
+        str  # as the problem file calls it: leg_length, leg_speed, control, clearance.sigma_s, state.position
+    )
     quantity: str  # the trajectory's name for it: leg_lengths, u, v, sigma_s, position
     lower: Any = -np.inf
     upper: Any = np.inf
@@ -38,9 +40,20 @@ class Bound:
             above = np.where(np.isfinite(upper), (values - upper) / _size(upper), 0.0)
         return np.maximum(0.0, np.maximum(below, above))
 
+    def limits(self, component: tuple[int, ...]) -> tuple[float, float]:
+        """(lower, upper) of one component of the quantity."""
+        return _entry(self.lower, component), _entry(self.upper, component)
+
 
 def _size(limit: Array) -> Array:
     return np.where(np.isfinite(limit) & (limit != 0), np.abs(limit), 1.0)
+
+
+def _entry(side: Any, component: tuple[int, ...]) -> float:
+    """What broadcasting gives a component of one side."""
+    table = np.asarray(side, dtype=float)
+    own = component[len(component) - table.ndim :]
+    return float(table[tuple(i if size > 1 else 0 for i, size in zip(own, table.shape, strict=True))])
 
 
 def bound_rows(
@@ -103,13 +116,31 @@ class BoundReport:
     time: float
     component: tuple[int, ...]
     ok: bool
+    value: float = np.nan  # of the quantity there
+
+    @property
+    def name(self) -> str:
+        """The bound and its component, as in leg_length[1]."""
+        return self.bound.label + "".join(f"[{i}]" for i in self.component)
 
     def describe(self) -> str:
-        index = "".join(f"[{i}]" for i in self.component)
-        return f"{self.bound.label}{index} at t={self.time:.4g} outside by {self.worst:.3g}"
+        return f"{self.name} is {self.value:.4g} at t={self.time:.4g}, {self.limit_words()}"
+
+    def limit_words(self) -> str:
+        """Which limits the value should have kept: "outside [20, 60]", "below 0.05"."""
+        low, high = self.bound.limits(self.component)
+        if np.isfinite(low) and np.isfinite(high):
+            return f"outside [{low:g}, {high:g}]"
+        return f"below {low:g}" if np.isfinite(low) else f"above {high:g}"
 
     def to_json(self) -> dict[str, Any]:
-        return {"worst": self.worst, "ok": self.ok, "t": self.time, "component": list(self.component)}
+        return {
+            "worst": self.worst,
+            "ok": self.ok,
+            "t": self.time,
+            "component": list(self.component),
+            "value": self.value,
+        }
 
 
 def check_bounds(
@@ -123,9 +154,6 @@ def check_bounds(
         place = np.unravel_index(int(np.argmax(relative)), relative.shape)
         worst = float(np.where(np.isnan(values), np.inf, bound.excess(values))[place])
         component = tuple(int(i) for i in place[1:])
-        reports.append(
-            BoundReport(
-                bound, worst, float(times[place[0]]), component, bool(relative[place] <= relative_tolerance)
-            )
-        )
+        holds, time = bool(relative[place] <= relative_tolerance), float(times[place[0]])
+        reports.append(BoundReport(bound, worst, time, component, holds, float(values[place])))
     return reports

@@ -26,8 +26,12 @@ class LocatedError(NhpocpError, ValueError):
         self.message, self.path, self.file, self.line, self.column = message, path, file, line, column
 
     def __str__(self) -> str:
-        place = ":".join(str(part) for part in (self.file, self.line, self.column) if part is not None)
-        return ": ".join(part for part in (place, self.path, self.message) if part)
+        return ": ".join(part for part in (self.place, self.path, self.message) if part)
+
+    @property
+    def place(self) -> str:
+        """file:line:column, as far as known."""
+        return ":".join(str(part) for part in (self.file, self.line, self.column) if part is not None)
 
 
 class InvalidProblemError(LocatedError):

@@ -111,6 +111,7 @@ class Verdict:
     ok: bool
     method: str
     reasons: Sequence[str] = ()  # why not ok
+    reached: float | None = None  # time up to which the replay could follow the control
     original: Replay | None = None
     rolling: float | None = None  # max |r·ω_leg|/|ω_leg| from geometry alone
     leg_rate: float | None = None  # max |l̇ - u|/|u| from geometry alone
@@ -126,6 +127,7 @@ class Verdict:
             "ok": self.ok,
             "method": self.method,
             "reasons": list(self.reasons),
+            "reached_t": self.reached,
             "original": self.original.to_json() if self.original else None,
             "rolling": self.rolling,
             "leg_rate": self.leg_rate,

@@ -224,9 +224,7 @@ def test_a_bad_override_names_itself(override, path, message) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "path", "message"),
     [
-        ("step_rule: euler", "starts: 2", "solvers.jacobian.starts", "starts 2 is not available"),
-        ("step_rule: euler", "inverse: lagrangian", "solvers.jacobian.inverse", "available: moore_penrose, damped"),
-        ("output: {", "via: [{at: 0.5, position: [0, 0, 30]}]\noutput: {", "via", "via points are not available"),
+        ("solvers:", "solvers:\n  compile: always", "solvers.compile", "compile 'always' is not available"),
     ],
 )  # fmt: skip
 def test_what_is_legal_but_not_built_yet_validates_and_is_refused_with_its_place(

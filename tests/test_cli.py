@@ -1,5 +1,6 @@
 """The command line as a user meets it: verbs, exit statuses, JSON, messages."""
 
+import csv
 import json
 import os
 import shutil
@@ -93,6 +94,24 @@ def test_failure_is_written_and_exits_1(tmp_path):
     assert done.returncode == 1
     assert "iteration_limit" in done.stdout
     assert json.loads((tmp_path / "out" / "solution.json").read_text())["converged"] is False
+
+
+@pytest.mark.parametrize("solver", ["jacobian", "nlp"])
+@pytest.mark.parametrize("iterations", [2, 100])
+def test_trace_writes_the_iterations_beside_the_rest(solver, iterations, tmp_path, capsys):
+    """Also of a solve that fails."""
+    settings = ["--set", f"solvers.{solver}.max_iterations={iterations}", "--set", "solvers.nlp.intervals=8"]
+    arguments = ["solve", str(PROBLEMS / "paper.yaml"), *FAST, *settings, "--solver", solver, "--json"]
+    assert status([*arguments, "--trace", "-o", str(tmp_path / "out")]) == (iterations == 2)
+    records = json.loads(capsys.readouterr().out)["iterations"]
+    with (tmp_path / "out" / "iterations.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == len(records) > 1
+    for row, record in zip(rows, records, strict=True):
+        assert {name: float(cell) for name, cell in row.items() if cell} == {
+            name: value for name, value in record.items() if value is not None
+        }
+    assert list(rows[0])[:2] == ["k", "error"]
 
 
 def test_bad_input_exits_2_with_place_and_suggestion(tmp_path):
@@ -205,6 +224,19 @@ def test_verify_confirms_and_refutes(solved, tmp_path):
     assert run("verify", tmp_path, cwd=tmp_path).returncode == 2
 
 
+def test_what_is_no_solution_folder_is_said_and_what_may_be_meant(solved, tmp_path, capsys):
+    home = tmp_path / "results"
+    shutil.copytree(solved[0], home / "paper" / "jacobian")
+    for place, words in (
+        (tmp_path / "missing", "there is nothing of this name"),
+        (PROBLEMS / "paper.yaml", "this is a file; expected the folder that `nhpocp solve` wrote"),
+        (tmp_path, "solution.json is missing"),
+        (home, f"solution.json is missing; did you mean {home / 'paper' / 'jacobian'}?"),
+    ):
+        assert status(["verify", str(place)]) == 2
+        assert capsys.readouterr().err == f"{place}: no solution folder: {words}\n"
+
+
 @pytest.mark.parametrize("verb", ["verify", "plot"])
 def test_damaged_folders_exit_2(verb, solved, tmp_path, capsys):
     folder = Path(shutil.copytree(solved[0], tmp_path / "copy"))
@@ -304,6 +336,28 @@ def test_check_stays_light(tmp_path):
         assert done.returncode == 0, done.stderr
 
 
+FAR = ["--set", "goal.position=[0, 0, 500]", "--set", "constraints.leg_length=[20, 60]"]
+
+
+def test_a_goal_out_of_the_legs_reach_is_warned_of_and_infeasible(tmp_path, capsys):
+    file, words = str(PROBLEMS / "paper.yaml"), "leg_length[0] is 501.1, outside [20, 60]"
+    line = f"{file}:13:1: warning: goal: {words}; no plan can end there\n"
+    assert status(["check", file, *FAR]) == 0
+    assert capsys.readouterr() == (f"{file}: ok\n", line)
+    assert status(["check", file, *FAR, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["warnings"] == [f"goal: {words}; no plan can end there"]
+    assert status(["solve", file, *FAR, "-o", str(tmp_path / "out"), "--json"]) == 1
+    said = capsys.readouterr()
+    assert said.err == line
+    data = json.loads(said.out)
+    assert data["outcome"] == "infeasible"
+    assert data["message"].startswith(
+        "the goal itself breaks leg_length[0], which is 501.1, outside [20, 60]."
+    )
+    assert data["evaluations"] == 0
+    assert (tmp_path / "out" / "failure.png").stat().st_size > 2000
+
+
 def test_init_writes_a_file_that_checks(tmp_path):
     assert run("init", "mine.yaml", cwd=tmp_path).returncode == 0
     assert run("check", "mine.yaml", cwd=tmp_path).returncode == 0
@@ -372,7 +426,7 @@ def test_ctrl_c_at_any_stage_leaves_a_folder(room, name, times, outcome, tmp_pat
 def test_ctrl_c_before_the_solve_leaves_nothing(tmp_path, monkeypatch, capsys):
     from nhpocp import problem_file
 
-    monkeypatch.setattr(problem_file, "load_problem", raising(problem_file.load_problem), raising=False)
+    monkeypatch.setattr(problem_file, "read", raising(problem_file.read), raising=False)
     assert status([*SOLVE, "-o", str(tmp_path / "out"), "--json"]) == 1
     said = capsys.readouterr()
     assert "stopped by hand" in said.err

@@ -54,14 +54,31 @@ def test_the_worst_component_and_time_are_named():
     values[1, 0, 2], values[3, 1, 0] = 1.5, -4
     (report,) = check_bounds([Bound("leg_length", "l", -1, 1)], TIMES, {"l": values})
     assert (report.worst, report.time, report.component, report.ok) == (3, 0.75, (1, 0), False)
-    assert report.describe() == "leg_length[1][0] at t=0.75 outside by 3"
-    assert report.to_json() == {"worst": 3, "ok": False, "t": 0.75, "component": [1, 0]}
+    assert report.describe() == "leg_length[1][0] is -4 at t=0.75, outside [-1, 1]"
+    assert report.to_json() == {"worst": 3, "ok": False, "t": 0.75, "component": [1, 0], "value": -4}
 
 
 def test_a_scalar_quantity_has_no_component():
     (report,) = check_bounds([Bound("margin", "s", lower=0.5)], TIMES, {"s": np.array([1, 1, 0.25, 1, 1])})
     assert (report.component, report.time, report.worst) == ((), 0.5, 0.25)
-    assert report.describe() == "margin at t=0.5 outside by 0.25"
+    assert report.describe() == "margin is 0.25 at t=0.5, below 0.5"
+
+
+@pytest.mark.parametrize(
+    ("lower", "upper", "words"),
+    [
+        (0.0, 2.0, "outside [0, 2]"),
+        ([0.0, -np.inf, 0.0], [2.0, 4.0, 2.0], "above 4"),
+        ([[0.0], [-np.inf]], 4.0, "above 4"),
+        (-np.inf, [[0.0, 4.0, 0.0]], "above 4"),
+    ],
+)
+def test_the_limit_of_the_component_is_named(lower, upper, words):
+    values = np.ones((5, 2, 3))
+    values[2, 1, 1] = 9
+    (report,) = check_bounds([Bound("b", "q", lower, upper)], TIMES, {"q": values})
+    assert report.component == (1, 1)
+    assert report.describe() == f"b[1][1] is 9 at t=0.5, {words}"
 
 
 def test_a_tiny_relative_excess_is_forgiven():

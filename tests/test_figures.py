@@ -15,6 +15,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from nhpocp import so3
+from nhpocp.constraints import Bound, check_bounds
 from nhpocp.controls.control import Control
 from nhpocp.controls.fourier import Fourier
 from nhpocp.problem import PlanningProblem
@@ -23,7 +24,7 @@ from nhpocp.state_space import StateSpace, rotation, scalar, vector
 from nhpocp.systems.numeric import NumericSystem
 from nhpocp.systems.system import System
 from nhpocp.systems.three_upu import ThreeUPU
-from nhpocp.views import plots
+from nhpocp.views import drawing, plots
 from nhpocp.views.figures import FIGURES, write_pictures
 from nhpocp.views.style import DOTS_PER_INCH, PANEL, symbol
 
@@ -151,7 +152,69 @@ def spinner() -> Solution:
     return solved(problem, [[4, 0, 0, 0, 0]])
 
 
+@cache
+def lost() -> Solution:
+    """A toy that did not converge: no margins, no determinants."""
+    return replace(toy(), outcome=Outcome.STAGNATED, message="No better.")
+
+
+@cache
+def tries() -> Solution:
+    """Two tries, the second one better but not there; the trials 2 and 5 were refused, the path crosses det W = 0."""
+    rows = [
+        (0, 0, 1.3, 0.2, True),
+        (1, 0, 0.9, 0.1, True),
+        (1, 0, None, 1e-12, False),
+        (0, 1, 1.5, 0.3, True),
+        (1, 1, 0.5, 0.2, True),
+        (1, 1, 2.5, 0.1, False),
+        (2, 1, 0.4, 0.2, True),
+    ]
+    names = ("k", "attempt", "error", "sigma_s", "accepted")
+    records = [{**dict(zip(names, row, strict=True)), "sigma_jacobian": 0.01, "gamma": 0.5} for row in rows]
+    outcome, message = Outcome.NOT_REACHED, "Nothing that was tried reached the goal."
+    return replace(crossing(), iterations=records, outcome=outcome, message=message)
+
+
+@cache
+def broken() -> Solution:
+    """Leg 2 and the clearance from det W = 0 outside their limits."""
+    bounds = [Bound("leg_length", "leg_lengths", 20.0, 36.0), Bound("clearance.sigma_w", "sigma_w", 2.0)]
+    problem = replace(good().problem, bounds=bounds)
+    trajectory = good().trajectory
+    reports = check_bounds(bounds, trajectory["t"], trajectory)
+    verdict = Verdict(9.1e-4, False, "test", bounds=reports, reached=1.0)
+    message = f"{reports[0].describe()}. {Outcome.CONSTRAINT_VIOLATED.advice}"
+    return replace(
+        good(), problem=problem, verdict=verdict, outcome=Outcome.CONSTRAINT_VIOLATED, message=message
+    )
+
+
+@cache
+def stopped() -> Solution:
+    """Ended for det S = 0, and the replay came no further than t = 0.3."""
+    verdict = Verdict(None, False, "test", reached=0.3)
+    return replace(good(), verdict=verdict, outcome=Outcome.SINGULAR_S, message="Update 1: det S vanishes.")
+
+
+@cache
+def untried() -> Solution:
+    """A goal that breaks a bound itself: nothing was tried."""
+    bounds = [Bound("leg_length", "leg_lengths", 20.0, 35.0)]
+    problem = replace(good().problem, bounds=bounds)
+    return replace(good(), problem=problem, iterations=[], outcome=Outcome.INFEASIBLE, message="Too long.")
+
+
+@cache
+def beyond() -> Solution:
+    """A goal on the other side of det W = 0."""
+    goal = {"position": np.array([0.3, 0.2, -35.0]), "orientation": so3.from_rpy([0, 0, -np.pi / 6])}
+    problem = replace(good().problem, goal=goal)
+    return replace(good(), problem=problem, iterations=[], outcome=Outcome.OTHER_COMPONENT)
+
+
 CASES = [good, crossing, failed, hopeless, single, toy, spinner]
+FAILURES = [lost, tries, broken, stopped, untried, beyond]
 
 
 def lines_of(axes: Any) -> dict[str, Any]:
@@ -173,7 +236,8 @@ def test_every_picture_of_every_kind_of_solution(case: Any, tmp_path: Path) -> N
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         files = write_pictures(solution, tmp_path / "pictures")
-    assert [file.name for file in files] == [f"{name}.{kind}" for name in FIGURES for kind in ("svg", "png")]
+    names = [name for name in FIGURES if name != "failure" or solution.outcome is not Outcome.CONVERGED]
+    assert [file.name for file in files] == [f"{name}.{kind}" for name in names for kind in ("svg", "png")]
     assert sorted(file.name for file in tmp_path.iterdir()) == ["pictures"]
     for file in files:
         if file.suffix == ".svg":
@@ -339,6 +403,13 @@ def test_the_robot_is_drawn_where_it_is_and_at_one_scale() -> None:
         np.testing.assert_allclose(scales, scales[0])
 
 
+def test_a_kind_of_line_keeps_its_colour_along_the_path() -> None:
+    """r, w3 and w4 are of one length, up to rounding."""
+    legends = [drawing.legend_entries(pose.drawing) for pose in drawing.poses_of(crossing())]
+    assert legends[0] == legends[1] == legends[2]
+    assert "#000000" not in [style["color"] for _, style in legends[0]]  # the path's
+
+
 def test_a_toy_shows_its_states_and_its_path() -> None:
     left, right = FIGURES["controls"](toy()).axes
     assert set(lines_of(left)) == {"$v$", "$w$"}
@@ -369,6 +440,80 @@ def test_jumps_of_a_control_are_drawn_as_jumps() -> None:
     at_jump = line.get_xdata() == 0.5
     np.testing.assert_array_equal(line.get_ydata()[at_jump], [1, 3])
     assert (np.diff(line.get_xdata()) >= 0).all()
+
+
+# --- why a solve failed ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("case", FAILURES, ids=lambda case: case.__name__)
+def test_every_kind_of_failure_has_its_picture(case: Any, tmp_path: Path) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        (file,) = write_pictures(case(), tmp_path, formats=("png",), names=["failure"])
+    assert file.stat().st_size > 2000
+
+
+def test_a_failure_is_titled_with_its_ending_and_says_no_more_than_needed() -> None:
+    words = words_of(FIGURES["failure"](broken()))
+    assert words.startswith("constraint violated: leg_length[")
+    assert "loosen it" not in words
+    assert words_of(FIGURES["failure"](stopped())).startswith("singular S: Update 1: det S vanishes.")
+    assert len(FIGURES["failure"](replace(single(), message="word " * 400)).get_suptitle()) < 500
+
+
+def test_a_failure_shows_every_evaluation_and_what_was_refused() -> None:
+    errors, margins, path = FIGURES["failure"](tries()).axes
+    drawn = [line.get_xydata() for line in errors.get_lines()]
+    first, second = ([[0, 1.3], [1, 0.9]], [[3, 1.5], [4, 0.5], [6, 0.4]])
+    for expected in (first, second, [[2, np.nan], [5, 2.5]]):
+        assert any(np.array_equal(line, expected, equal_nan=True) for line in drawn), expected
+    assert lines_of(errors)["not finite"].get_xdata().tolist() == [2]
+    assert any(list(line.get_xdata()) == [2.5, 2.5] for line in errors.get_lines())  # between the tries
+    assert set(lines_of(margins)) == {r"$\sigma_{\min}(J)$", r"$\sigma_{\min}(S)$", r"$\leq$"}
+    marks = lines_of(path)[r"$\det\,W$ $= 0$"].get_xdata()
+    np.testing.assert_allclose(marks, plots.crossing_times(tries())["det_w"])
+
+
+def test_the_convergence_of_several_tries_is_that_of_the_best() -> None:
+    lines = lines_of(FIGURES["convergence"](tries()).axes[0])
+    assert lines[r"error $\mathcal{E}$"].get_xydata().tolist() == [[0, 1.5], [1, 0.5], [2, 0.4]]
+    assert lines["trial"].get_xydata().tolist() == [[1, 2.5]]
+    theta, _ = plots.step_sums(tries()) or (None, None)
+    np.testing.assert_allclose(theta, [0, 0.5, 1])  # of accepted steps alone
+
+
+def test_a_broken_bound_is_drawn_with_its_limit_and_its_worst_place() -> None:
+    _, legs, clearance = FIGURES["failure"](broken()).axes
+    (report, other) = broken().verdict.bounds  # type: ignore[union-attr]
+    mark = next(line for name, line in lines_of(legs).items() if "at $t$" in name)
+    assert mark.get_xydata().tolist() == [[report.time, report.value]]
+    name = f"$l_{{{report.component[0] + 1}}}$"
+    drawn = good().trajectory["leg_lengths"][:, report.component[0]]
+    np.testing.assert_array_equal(lines_of(legs)[name].get_ydata(), drawn)
+    assert {20.0, 36.0} <= {float(line.get_ydata()[0]) for line in legs.get_lines() if len(line.get_ydata())}
+    assert legs.get_ylabel() == "leg length $l$"
+    assert clearance.get_ylabel() == r"clearance $\sigma_{\min}(W)$"
+    assert other.value < 2.0
+
+
+def test_a_path_is_drawn_no_further_than_the_replay_followed_it() -> None:
+    figure = FIGURES["failure"](stopped())
+    path = figure.axes[-1]
+    assert max(line.get_xdata().max() for line in (lines_of(path)[r"$\det\,S$"],)) <= 0.3
+    assert "path ends, $t$ = 0.3" in lines_of(path)
+    assert "The path ends at t = 0.3 of 1." in words_of(figure)
+
+
+def test_what_was_never_tried_shows_its_two_ends() -> None:
+    (axes,) = FIGURES["failure"](untried()).axes
+    (length,) = {float(name) for name in lines_of(axes) if name[0].isdigit()}
+    problem = untried().problem
+    goal = [leg.length for leg in problem.system.leg_poses(problem.goal_point)]  # type: ignore[attr-defined]
+    assert length == pytest.approx(max(goal), rel=1e-3)
+    np.testing.assert_allclose([lines_of(axes)[f"$l_{{{i}}}$"].get_ydata()[1] for i in (1, 2, 3)], goal)
+    (axes,) = FIGURES["failure"](beyond()).axes
+    start, end = lines_of(axes)[r"$\det\,W$"].get_ydata()
+    assert start * end < 0
 
 
 def test_two_solutions_share_axes() -> None:

@@ -18,7 +18,15 @@ from nhpocp.constraints import Bound
 from nhpocp.errors import InvalidProblemError, UnreadableSolutionError
 from nhpocp.problem_file import load_problem
 from nhpocp.solution import Outcome
-from nhpocp.solution_folder import check_target, environment, load_solution, plain, save_solution, to_json
+from nhpocp.solution_folder import (
+    check_target,
+    environment,
+    load_solution,
+    plain,
+    save_solution,
+    to_json,
+    writing,
+)
 from nhpocp.solution_folder.reading import read_arrays
 from nhpocp.solution_folder.target import PICTURES
 from nhpocp.solvers.continuation import Continuation
@@ -101,6 +109,61 @@ def test_files_hold_the_contract(solution, tmp_path):
     for i in range(3):
         assert float(rows[7][f"position[{i}]"]) == solution.trajectory["position"][7, i]
         assert float(rows[7][f"orientation[2][{i}]"]) == solution.trajectory["orientation"][7, 2, i]
+
+
+# --- the iterations on request ---------------------------------------------------------------------------------------
+
+
+def iterations(folder):
+    """The rows of iterations.csv as dicts; empty cells are None."""
+    with (folder / "iterations.csv").open(newline="") as file:
+        return [
+            {name: float(cell) if cell else None for name, cell in row.items()}
+            for row in csv.DictReader(file, strict=True)
+        ]
+
+
+def expected_rows(records):
+    """Every record with the keys of all of them; what is not finite is left out."""
+    names = {name for record in records for name in record}
+    return [{name: plain(record.get(name)) for name in names} for record in records]
+
+
+@pytest.mark.parametrize("name", ["solution", "failed"])
+def test_a_trace_holds_every_record(name, request, tmp_path):
+    done = request.getfixturevalue(name)
+    folder = save_solution(done, tmp_path / "out", trace=True)
+    assert done.iterations
+    assert iterations(folder) == expected_rows(done.iterations)
+    header = (folder / "iterations.csv").read_text().splitlines()[0].split(",")
+    assert header[:4] == ["k", "error", "step", "gamma"]
+    assert header[-1] == "accepted"
+    save_solution(load_solution(folder), folder)  # without: the old one goes, as every file of ours
+    assert not (folder / "iterations.csv").exists()
+
+
+def test_a_trace_of_unlike_records(failed, tmp_path):
+    """Two tries, one record that is not finite, one without a Jacobian; and none at all."""
+    records = [
+        {"k": 0, "error": 1.5, "sigma_s": 0.25, "attempt": 0, "accepted": True},
+        {"k": 0, "error": math.nan, "rank": None, "sigma_s": 1e-300, "attempt": 1, "accepted": False},
+    ]
+    folder = save_solution(replace(failed, iterations=records), tmp_path / "out", trace=True)
+    assert iterations(folder) == expected_rows(records)
+    lines = (folder / "iterations.csv").read_text().splitlines()
+    assert lines == ["k,attempt,error,rank,sigma_s,accepted", "0,0,1.5,,0.25,1", "0,1,,,1e-300,0"]
+    folder = save_solution(replace(failed, iterations=[]), tmp_path / "none", trace=True)
+    assert (folder / "iterations.csv").read_text().splitlines() == ["k"]
+
+
+def test_a_trace_is_written_with_the_rest_or_not_at_all(solution, tmp_path, monkeypatch):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(writing, "write_iterations", full)
+    with pytest.raises(InvalidProblemError, match="No space left"):
+        save_solution(solution, tmp_path / "out", trace=True)
+    assert list(tmp_path.iterdir()) == []
 
 
 # --- which problem is stored -----------------------------------------------------------------------------------------

@@ -17,6 +17,7 @@ from nhpocp.errors import InvalidProblemError
 
 if TYPE_CHECKING:
     from nhpocp.comparison import Comparison
+    from nhpocp.problem import PlanningProblem
     from nhpocp.solution import Solution
     from nhpocp.solvers.interruption import Interruption
 
@@ -50,20 +51,23 @@ def cli(debug: bool) -> None:
 @click.argument("file", type=click.Path(path_type=Path))
 @click.option("--solver", type=click.Choice(["jacobian", "nlp"]), default="jacobian", show_default=True)
 @_set_option
+@click.option("--trace", is_flag=True, help="Write the iterations to iterations.csv in the solution folder.")
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="The solution folder itself.")
 @_json_option
-def solve(file: Path, solver: str, overrides: tuple[str, ...], output: Path | None, as_json: bool) -> int:
+def solve(
+    file: Path, solver: str, overrides: tuple[str, ...], trace: bool, output: Path | None, as_json: bool
+) -> int:
     """Solve FILE, verify the result, write a solution folder."""
     with _keeping() as interruption:
-        from nhpocp.problem_file import load_problem
+        from nhpocp.comparison_folder import folder_name
         from nhpocp.solution_folder import check_target, to_json
 
-        problem = load_problem(file, overrides)
+        problem = _load(file, overrides)
         if solver not in problem.solvers:
             raise InvalidProblemError(
                 f"the {solver} solver is not available in this version; use --solver jacobian"
             )
-        folder = output or Path("results") / _safe(problem.name) / solver
+        folder = output or Path("results") / folder_name(problem.name) / solver
         check_target(folder)
         interruption.check()  # nothing to keep yet; from here on the solver answers to Ctrl-C
 
@@ -72,12 +76,22 @@ def solve(file: Path, solver: str, overrides: tuple[str, ...], output: Path | No
         with progress(as_json) as show:
             solution = planning.solve(problem, problem.solvers[solver], show)
         interruption.patient = True
-        _write(solution, folder)
+        _write(solution, folder, trace)
         if as_json:
             put({**to_json(solution), "folder": str(folder)})
         else:
             report(solution, folder)
     return SOLVED if solution.converged else NOT_SOLVED
+
+
+def _load(file: Path, overrides: Sequence[str]) -> PlanningProblem:
+    """The problem of a file; what is doubtful about it is said."""
+    from nhpocp.problem_file import build, read
+
+    document = read(file, overrides)
+    for line in document.warning_lines():
+        say(line)
+    return build(document)
 
 
 @contextmanager
@@ -93,8 +107,8 @@ def _keeping() -> Iterator[Interruption]:
         signal.signal(signal.SIGTERM, before)
 
 
-def _write(solution: Solution, folder: Path) -> None:
-    """The solution folder, with pictures if the problem asks for them."""
+def _write(solution: Solution, folder: Path, trace: bool = False) -> None:
+    """The solution folder, with pictures if the problem asks for them, and the iterations if the user does."""
     from nhpocp.solution_folder import save_solution
 
     pictures = None
@@ -102,14 +116,17 @@ def _write(solution: Solution, folder: Path) -> None:
         from nhpocp.views.figures import write_pictures
 
         pictures = write_pictures
-    save_solution(solution, folder, pictures)
+    save_solution(solution, folder, pictures, trace=trace)
 
 
 @cli.command()
 @click.argument("folder", type=click.Path(path_type=Path))
 @_json_option
 def verify(folder: Path, as_json: bool) -> int:
-    """Re-integrate the solution stored in FOLDER, independently of the solvers."""
+    """Check the solution in FOLDER, independently of solvers.
+
+    Its control is integrated again by other code, from the files of FOLDER alone.
+    """
     from nhpocp.solution_folder import load_solution
     from nhpocp.verification import verify as examine
 
@@ -146,8 +163,8 @@ def check(files: tuple[Path, ...], overrides: tuple[str, ...], as_json: bool) ->
         found.append(
             {"file": str(file), "ok": True, "warnings": document.warnings, "problem": document.filled()}
         )
-        for warning in document.warnings:
-            say(f"{file}: warning: {warning}")
+        for line in document.warning_lines():
+            say(line)
         if not as_json:
             click.echo(f"{file}: ok")
     for failure in failures:
@@ -165,7 +182,7 @@ def check(files: tuple[Path, ...], overrides: tuple[str, ...], as_json: bool) ->
 @click.argument("folder", type=click.Path(path_type=Path))
 @_json_option
 def plot(folder: Path, as_json: bool) -> int:
-    """Draw the pictures of the solution stored in FOLDER, into it."""
+    """Draw the pictures of the solution in FOLDER, into it."""
     from nhpocp.solution_folder import load_solution, unwritable
     from nhpocp.views.figures import write_pictures
 
@@ -184,7 +201,7 @@ def plot(folder: Path, as_json: bool) -> int:
 @cli.command()
 @_json_option
 def systems(as_json: bool) -> int:
-    """List the models with their states, inputs, parameters and presets."""
+    """List the models: states, inputs, parameters, presets."""
     from nhpocp.problem_file import systems as listing
 
     found = listing()
@@ -195,7 +212,16 @@ def systems(as_json: bool) -> int:
         states, inputs = (", ".join(_block(block) for block in entry[part]) for part in ("states", "inputs"))
         click.echo(f"{name}: state {states}; input {inputs}")
         for parameter, default in entry["defaults"].items():
-            click.echo(f"  {parameter} = {default}: {entry['meanings'][parameter]}")
+            value = (
+                ""
+                if default is None
+                else f" = {default:.6g}"
+                if isinstance(default, float)
+                else f" = {default}"
+            )
+            choices = entry["parameters"][parameter].get("choices", ())
+            words = f" (one of {', '.join(choices)})" if choices else ""
+            click.echo(f"  {parameter}{value}: {entry['meanings'][parameter]}{words}")
         if entry["presets"]:
             click.echo(f"  presets: {', '.join(entry['presets'])}")
     return SOLVED
@@ -208,7 +234,10 @@ def _block(block: Mapping[str, Any]) -> str:
 @cli.command()
 @_json_option
 def schema(as_json: bool) -> int:
-    """Print the JSON schema of problem files, for editors; with or without --json."""
+    """Print the JSON schema of problem files.
+
+    For editors; the same with and without --json.
+    """
     from nhpocp.problem_file import json_schema
 
     put(json_schema())
@@ -291,7 +320,10 @@ def compare(
     output: Path,
     as_json: bool,
 ) -> int:
-    """Solve every FILE by both methods and compare them: report.html, comparison.csv, comparison.json."""
+    """Solve every FILE by both methods; compare them.
+
+    Writes report.html, comparison.csv, comparison.json, and a solution folder for every run.
+    """
     if stored and (variants or overrides):
         raise click.UsageError("--from solves nothing: leave out --variant and --set")
     with _keeping() as interruption:
@@ -315,9 +347,8 @@ def _compared(
     """Every run, each stored as soon as it has ended."""
     from nhpocp import comparison
     from nhpocp.comparison_folder import check_home, plan
-    from nhpocp.problem_file import load_problem
 
-    runs = plan([load_problem(file, overrides) for file in files], variants, home)
+    runs = plan([_load(file, overrides) for file in files], variants, home)
     check_home(home)
     folders = {id(run): folder for folder, run in runs.items()}
 
@@ -330,9 +361,3 @@ def _compared(
 
     with progress(quiet) as show:
         return comparison.compare(list(runs.values()), progress=show, finished=keep)
-
-
-def _safe(name: str) -> str:
-    """A problem's name as one folder name."""
-    safe = "".join(character if character.isalnum() or character in "-_." else "-" for character in name)
-    return safe if safe.strip(".") else "problem"

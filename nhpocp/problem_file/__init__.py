@@ -6,6 +6,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from nhpocp.problem_file.building import build as build
     from nhpocp.problem_file.building import build_basis as build_basis
     from nhpocp.problem_file.building import build_solver as build_solver
     from nhpocp.problem_file.building import control_from_json as control_from_json
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 
 _HOMES = {
     "ProblemFile": "reading",
+    "build": "building",
     "build_basis": "building",
     "build_solver": "building",
     "control_from_json": "building",

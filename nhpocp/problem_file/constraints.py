@@ -30,6 +30,12 @@ Side = Annotated[
 ]
 
 
+def _pair(value: Any) -> Any:
+    if not isinstance(value, list):
+        raise ValueError(f"expected [lo, hi], got {describe(value)}")
+    return value
+
+
 def _ordered(pair: list[float | None]) -> list[float | None]:
     low, high = pair
     if low is not None and high is not None and low > high:
@@ -37,7 +43,9 @@ def _ordered(pair: list[float | None]) -> list[float | None]:
     return pair
 
 
-Pair = Annotated[list[Side], Field(min_length=2, max_length=2), AfterValidator(_ordered)]
+Pair = Annotated[
+    list[Side], Field(min_length=2, max_length=2), BeforeValidator(_pair), AfterValidator(_ordered)
+]
 
 
 def _control_kind(value: Any) -> str:

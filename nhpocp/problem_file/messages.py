@@ -47,6 +47,8 @@ def _issues(detail: Any, model: type[BaseModel]) -> list[Issue]:
         return [Issue(path, str(cause))]
     if kind == "extra_forbidden":
         return [Issue(path, unknown_key(str(path[-1]), _keys(model, raw[:-1])), at_key=True)]
+    if kind == "missing" and path == ("nhpocp",):
+        return [Issue(path, "required key is missing; begin the file with `nhpocp: 1`")]
     return [Issue(path, _words(kind, value, context))]
 
 

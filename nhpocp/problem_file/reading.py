@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path as FilePath
 from typing import Any
@@ -12,6 +12,7 @@ from pydantic import ValidationError
 from nhpocp.errors import InvalidProblemError
 from nhpocp.problem_file import document as documents
 from nhpocp.problem_file.document import Document
+from nhpocp.problem_file.ends import broken_ends
 from nhpocp.problem_file.issues import Issue, Path, Refusal, dotted
 from nhpocp.problem_file.messages import translate
 from nhpocp.problem_file.numbers import describe
@@ -33,8 +34,20 @@ class ProblemFile:
     text: str
     path: FilePath | None
     system: System
-    warnings: list[str] = field(default_factory=list)
+    doubts: list[Issue] = field(default_factory=list)  # what is legal and hardly meant
     place: Place | None = None
+
+    @property
+    def warnings(self) -> list[str]:
+        """The doubts as `path: message`."""
+        return [f"{dotted(doubt.path)}: {doubt.message}" for doubt in self.doubts]
+
+    def warning_lines(self) -> list[str]:
+        """The doubts as lines for people, with file, line and column."""
+        located = [
+            self.located(InvalidProblemError(d.message, path=dotted(d.path)), d.at_key) for d in self.doubts
+        ]
+        return [f"{error.place or 'problem'}: warning: {error.path}: {error.message}" for error in located]
 
     def filled(self) -> dict[str, Any]:
         """Every default filled in, as plain JSON data; angles in radians. Itself a valid problem."""
@@ -46,11 +59,11 @@ class ProblemFile:
         data["length_scale"] = self.data.length_scale or self.system.default_length_scale()
         return data
 
-    def located(self, error: InvalidProblemError) -> InvalidProblemError:
+    def located(self, error: InvalidProblemError, at_key: bool = False) -> InvalidProblemError:
         """The same error with file, line and column, as far as its path tells."""
         if self.place is None or error.line is not None:
             return error
-        return self.place.error([Issue(undotted(error.path or ""), error.message)])
+        return self.place.error([Issue(undotted(error.path or ""), error.message, at_key)])
 
 
 @dataclass(frozen=True)
@@ -130,7 +143,7 @@ def _read(text: str, file: str | None, path: FilePath | None, overrides: Sequenc
     if data.name is None:
         data = data.model_copy(update={"name": _stem(path)})
     shown = document.text if overrides else text
-    return ProblemFile(data, shown, path, system, _warnings(data, system), place)
+    return ProblemFile(data, shown, path, system, list(_doubts(data, system)), place)
 
 
 def _stem(path: FilePath | None) -> str:
@@ -157,14 +170,14 @@ def _validate(raw: dict[str, Any], place: Place) -> tuple[ProblemData, System]:
     return data.model_copy(update={"system": block}), system
 
 
-def _warnings(data: ProblemData, system: System) -> list[str]:
-    found = []
+def _doubts(data: ProblemData, system: System) -> Iterator[Issue]:
     start, goal = plain_state(data.start), plain_state(data.goal)
-    if all(_close(goal[name], start[name]) for name in goal):
-        found.append("goal: the same as start; the shortest plan is to stand still")
+    if all(name in start and _close(goal[name], start[name]) for name in goal):
+        yield Issue(("goal",), "the same as start; the shortest plan is to stand still", at_key=True)
+    yield from broken_ends(data, system)
     if data.objective == "time" and not isinstance(data.horizon, FreeHorizon):
-        found.append("objective: time is fixed by horizon; write horizon: {min: …, max: …} to free it")
-    return found
+        fixed = "time is fixed by horizon; write horizon: {min: …, max: …} to free it"
+        yield Issue(("objective",), fixed, at_key=True)
 
 
 def _close(a: Any, b: Any) -> bool:

@@ -25,7 +25,8 @@ class JacobianSettings(Strict):
         default=0.1, description="γ of (17), the share of the error that a step should remove"
     )
     inverse: Literal["moore_penrose", "damped", "transpose", "lagrangian"] = Field(
-        default="moore_penrose", description="how the end point's Jacobian is inverted"
+        default="moore_penrose",
+        description="how the end point's Jacobian is inverted; lagrangian brings a metric of its own",
     )
     metric: Literal["coefficients", "l2"] = Field(
         default="coefficients",

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
+from math import degrees
 
 from nhpocp.errors import InvalidProblemError
 from nhpocp.problem_file.issues import suggestion
-from nhpocp.problem_file.registry import SYSTEMS, system_class
+from nhpocp.problem_file.registry import OUTPUTS, SYSTEMS, system_class
 from nhpocp.state_space import Block, StateSpace
-from nhpocp.systems.system import System
+from nhpocp.systems.system import Parameter, System
 
 # start, goal and rows of control.initial that are known to work; other systems begin at zero
 _TASKS: dict[str, tuple[str, str, tuple[str, ...]]] = {
@@ -33,7 +33,8 @@ def starter(model: str = "three_upu") -> str:
     system = cls()
     space = system.state_space
     start, goal, rows = _TASKS.get(model, (_state(space, 0), _state(space, 1), ()))
-    return "\n".join([*_head(cls, model), *_task(start, goal, system, rows), *_TAIL, ""])
+    constraints = _CONSTRAINTS if "leg_lengths" in OUTPUTS.get(model, ()) else _CONSTRAINTS[:2]
+    return "\n".join([*_head(cls, model), *_task(start, goal, system, rows), *constraints, *_SOLVERS, ""])
 
 
 def _head(cls: type[System], model: str) -> list[str]:
@@ -49,14 +50,16 @@ def _head(cls: type[System], model: str) -> list[str]:
         lines.append(f"  preset: {next(iter(cls.presets))}        # one of {', '.join(cls.presets)}")
     for name, parameter in cls.declared.items():
         choices = f" ({' | '.join(parameter.choices)})" if parameter.choices else ""
-        lines.append(f"  # {name}: {_value(parameter.default)}    # {parameter.meaning}{choices}")
+        lines.append(f"  # {f'{name}: {_value(parameter)}':<22} # {parameter.meaning}{choices}")
     return lines
 
 
-def _value(value: Any) -> str:
-    if value is None:
-        return "[…]"
-    return f"{value:.12g}" if isinstance(value, float) else str(value)
+def _value(parameter: Parameter) -> str:
+    """A default as a user would write it: angles in degrees."""
+    value = parameter.default
+    if isinstance(value, float):
+        return f"{degrees(value):.12g} deg" if parameter.meaning.endswith("[rad]") else f"{value:.12g}"
+    return "[…]" if value is None else str(value)
 
 
 def _task(start: str, goal: str, system: System, rows: tuple[str, ...]) -> list[str]:
@@ -86,13 +89,20 @@ def _block(block: Block, coordinate: float) -> str:
     return f"[{', '.join([f'{coordinate:g}'] * block.components)}]"
 
 
-_TAIL = [
-    "objective: effort        # effort | leg_effort | path_length | time",
+_CONSTRAINTS = [
     "# constraints:           # what the whole path must respect",
     "#   control: 10          # greatest |control|, or one [lo, hi] per input",
+    "#   leg_length: [20, 60] # shortest and longest leg",
+    "#   leg_speed: 200       # greatest |u_i|",
+    "#   clearance: 0.05      # least singular value of S and W: the distance from singularities",
+    "#   state: {position: [[-10, -10, 15], [10, 10, 45]]}    # [lowest, highest] of a part of the state",
+]
+_SOLVERS = [
+    "objective: effort        # what the NLP minimises: effort | leg_effort | path_length | time",
     "solvers:",
     "  jacobian:",
-    "    gamma: 0.1           # share of the error that each step removes",
+    "    step_rule: euler     # euler: the paper's | adaptive | ode | auto: adaptive, then whatever else may help",
+    "    gamma: 0.1           # share of the error that each step of euler removes",
     "    tolerance: 1e-3",
     "    steps: 100           # integration steps over the horizon",
     "  nlp:",

@@ -1,6 +1,6 @@
 """Solutions as folders: written whole or not at all, read back without executing anything they contain.
 
-problem.yaml, solution.json, trajectory.csv, arrays.npz, solver.log and the pictures.
+problem.yaml, solution.json, trajectory.csv, arrays.npz, solver.log, iterations.csv on request, and the pictures.
 """
 
 from nhpocp.solution_folder.environment import environment

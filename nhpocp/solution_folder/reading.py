@@ -46,7 +46,7 @@ def load_solution(folder: str | os.PathLike[str]) -> Solution:
     for name in NEEDED:
         with _reading(home / name):
             if not (home / name).exists():
-                raise UnreadableSolutionError(f"no solution folder: {name} is missing", file=str(home))
+                raise UnreadableSolutionError(f"no solution folder: {_missing(home, name)}", file=str(home))
     with _reading(home / "solution.json"):
         stored = parse_stored((home / "solution.json").read_bytes(), str(home / "solution.json"))
     problem = _problem(home / "problem.yaml")
@@ -63,6 +63,16 @@ def load_solution(folder: str | os.PathLike[str]) -> Solution:
     with _reading(log):
         text = log.read_text(encoding="utf-8", errors="replace") if log.exists() else ""
     return _solution(stored, problem, control, arrays, text)
+
+
+def _missing(home: Path, name: str) -> str:
+    """What is there instead of a file that every solution folder has, and what may have been meant."""
+    if not home.exists():
+        return "there is nothing of this name"
+    if not home.is_dir():
+        return "this is a file; expected the folder that `nhpocp solve` wrote"
+    inside = min((file.parent for file in home.glob("*/*/solution.json")), default=None)
+    return f"{name} is missing" + (f"; did you mean {inside}?" if inside else "")
 
 
 @contextmanager

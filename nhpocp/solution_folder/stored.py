@@ -41,6 +41,7 @@ class StoredVerdict(Stored):
     ok: bool
     method: str
     reasons: list[str]
+    reached_t: float | None = None
     original: StoredReplay | None
     rolling: float | None
     leg_rate: float | None
@@ -66,6 +67,7 @@ class StoredBound(Stored):
     ok: bool
     t: float | None
     component: list[int]
+    value: float | None = None
 
 
 class StoredRecord(Stored):

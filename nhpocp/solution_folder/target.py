@@ -10,8 +10,8 @@ from pathlib import Path
 
 from nhpocp.errors import InvalidProblemError
 
-DATA = ("problem.yaml", "solution.json", "trajectory.csv", "arrays.npz", "solver.log")
-PICTURES = ("controls", "relative_pose", "convergence", "margins", "robot")
+DATA = ("problem.yaml", "solution.json", "trajectory.csv", "iterations.csv", "arrays.npz", "solver.log")
+PICTURES = ("controls", "relative_pose", "convergence", "margins", "robot", "failure")
 ANIMATIONS = ("animation.html", "animation.gif", "animation.mp4")
 OWN = {*DATA, *ANIMATIONS, *(f"{name}.{kind}" for name in PICTURES for kind in ("png", "svg", "pdf"))}
 SCRATCH = ".nhpocp-"  # prefix of the folders beside a target, while it is written

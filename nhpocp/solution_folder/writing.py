@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import csv
 import json
-import math
 import os
 import shutil
 from collections.abc import Callable
@@ -16,6 +14,7 @@ import numpy as np
 from nhpocp.problem_file import dump_problem
 from nhpocp.solution import Solution
 from nhpocp.solution_folder.plain_data import to_json
+from nhpocp.solution_folder.tables import write_iterations, write_trajectory
 from nhpocp.solution_folder.target import check_target, real_target, replace, scratch_folder, unwritable
 from nhpocp.solvers.interruption import Interruption
 
@@ -23,20 +22,24 @@ Pictures = Callable[[Solution, Path], Any]
 
 
 def save_solution(
-    solution: Solution, folder: str | os.PathLike[str], pictures: Pictures | None = None
+    solution: Solution,
+    folder: str | os.PathLike[str],
+    pictures: Pictures | None = None,
+    *,
+    trace: bool = False,
 ) -> Path:
     """Writes a solution folder and returns its path.
 
     The files are written beside ``folder`` under another name and renamed when complete; Ctrl-C waits for that. A
-    folder that exists is replaced only if every file in it is one that nhpocp writes. ``pictures(solution, folder)``
-    may add files; if it fails for lack of space the data are kept without them. Errors: `InvalidProblemError` for a
-    folder that is something else or cannot be written.
+    folder that exists is replaced only if every file in it is one that nhpocp writes. ``trace`` adds iterations.csv to
+    the data. ``pictures(solution, folder)`` may add files; if it fails for lack of space the data are kept without
+    them. Errors: `InvalidProblemError` for a folder that is something else or cannot be written.
     """
     target = Path(folder)
     check_target(target)
     with Interruption(patient=True) as interruption:
         try:
-            _save(solution, target, pictures)
+            _save(solution, target, pictures, trace)
         except OSError as error:
             raise unwritable(target, error) from error
     if interruption.outermost:
@@ -44,11 +47,11 @@ def save_solution(
     return target
 
 
-def _save(solution: Solution, target: Path, pictures: Pictures | None) -> None:
+def _save(solution: Solution, target: Path, pictures: Pictures | None, trace: bool) -> None:
     home = real_target(target)
     scratch = scratch_folder(home)
     try:
-        _write(solution, scratch)
+        _write(solution, scratch, trace)
         if pictures is not None:
             _add_pictures(solution, scratch, pictures)
         scratch.chmod(0o777 & ~_umask())
@@ -57,30 +60,17 @@ def _save(solution: Solution, target: Path, pictures: Pictures | None) -> None:
         shutil.rmtree(scratch, ignore_errors=True)
 
 
-def _write(solution: Solution, folder: Path) -> None:
+def _write(solution: Solution, folder: Path, trace: bool) -> None:
     problem = dump_problem(solution.problem, {solution.solver: solution.settings})
     (folder / "problem.yaml").write_text(problem, encoding="utf-8")
     text = json.dumps(to_json(solution), indent=1, allow_nan=False, ensure_ascii=False)
     (folder / "solution.json").write_text(text + "\n", encoding="utf-8")
     arrays: dict[str, Any] = {name: np.asarray(values) for name, values in solution.trajectory.items()}
     np.savez_compressed(folder / "arrays.npz", **arrays)
-    _write_csv(solution, folder / "trajectory.csv")
+    write_trajectory(solution, folder / "trajectory.csv")
+    if trace:
+        write_iterations(solution, folder / "iterations.csv")
     (folder / "solver.log").write_text(solution.log or _log(solution), encoding="utf-8")
-
-
-def _write_csv(solution: Solution, path: Path) -> None:
-    names, columns = [], []
-    for name, values in solution.trajectory.items():
-        table = np.asarray(values).reshape(len(values), -1)
-        shape = np.asarray(values).shape[1:]
-        names += [name + "".join(f"[{i}]" for i in index) for index in np.ndindex(*shape)]
-        columns.append(table)
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(names)
-        writer.writerows(
-            [repr(float(x)) if math.isfinite(x) else "" for x in row] for row in np.hstack(columns)
-        )
 
 
 def _log(solution: Solution) -> str:

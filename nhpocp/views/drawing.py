@@ -21,7 +21,7 @@ from nhpocp.views.style import COLOURS, GREY, line_style, symbol
 ELEVATION, AZIMUTH = 20.0, -62.0  # degrees
 SPACE = ("$x$ [length]", "$y$ [length]", "$z$ [length]")
 _FILLS = ("0.72", "#F0C05A", "#9CCBE8", "#B7DDB0")
-_THIN = ("#000000", "#AA4499", "#117733", "#882255")
+_THIN = ("#AA4499", "#117733", "#7A5C00", "#882255")  # the path is black
 _MARKERS = ("o", "s", "^", "D")
 
 
@@ -92,7 +92,7 @@ def set_view(axes: Any, low: Array, high: Array, names: Sequence[str] = SPACE, z
         axis.line.set_color("0.5")
         axis._axinfo["grid"].update(color="0.9", linewidth=0.4)
         axis.set_label_text(name)
-        axis.labelpad = -7
+        axis.labelpad = -6
     axes.tick_params(pad=-3, labelsize=6.5)
 
 
@@ -114,16 +114,15 @@ def _is_closed(line: Array) -> bool:
 
 
 def _kinds(lines: Mapping[str, Array]) -> dict[str, float]:
-    """Kinds of the open lines with their mean length, the longest first."""
+    """Kinds of the open lines with their mean length, the longest first; equal ones, up to rounding, as they came."""
     found: dict[str, list[float]] = {}
     for name, line in lines.items():
         if not _is_closed(line):
             found.setdefault(_split(name)[0], []).append(
                 float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum())
             )
-    return dict(
-        sorted(((kind, float(np.mean(sizes))) for kind, sizes in found.items()), key=lambda item: -item[1])
-    )
+    means = {kind: float(f"{np.mean(sizes):.6g}") for kind, sizes in found.items()}
+    return dict(sorted(means.items(), key=lambda item: -item[1]))
 
 
 def _split(name: str) -> tuple[str, int | None]:

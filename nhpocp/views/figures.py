@@ -16,9 +16,10 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 
-from nhpocp.solution import Solution
+from nhpocp.solution import Outcome, Solution
 from nhpocp.views import drawing, plots
-from nhpocp.views.style import ALARM, COLOURS, GREY, PANEL, legend_above, sheet
+from nhpocp.views import failure as failures
+from nhpocp.views.style import COLOURS, COMPACT, GREY, PANEL, legend_above, say, sheet
 
 
 def _styled(make: Callable[[Solution], Figure]) -> Callable[[Solution], Figure]:
@@ -41,14 +42,6 @@ def _panels(count: int, columns: int = 2) -> tuple[Figure, list[Any]]:
     return figure, axes
 
 
-def _say(figure: Figure, sentences: Iterable[str | None]) -> None:
-    """Plain words on top of a figure, wrapped to its width."""
-    width = int(figure.get_figwidth() * 19.5)
-    lines = [line for sentence in sentences if sentence for line in textwrap.wrap(sentence, width)]
-    if lines:
-        figure.suptitle("\n".join(lines), x=0.02, ha="left", fontsize=8, color=ALARM, linespacing=1.15)
-
-
 def _only_words(words: str) -> Figure:
     figure = Figure(figsize=PANEL)
     figure.text(0.5, 0.5, textwrap.fill(words, 44), ha="center", va="center", fontsize=9, color=GREY)
@@ -68,7 +61,7 @@ def controls(solution: Solution) -> Figure:
         plots.plot_blocks(axes[1], solution, blocks)
     for panel in axes:
         legend_above(panel)
-    _say(figure, [plots.path_of(solution).words])
+    say(figure, [plots.path_of(solution).words])
     return figure
 
 
@@ -80,7 +73,7 @@ def relative_pose(solution: Solution) -> Figure:
     for panel, blocks in zip(axes, groups, strict=True):
         plots.plot_relative(panel, solution, blocks)
         legend_above(panel)
-    _say(figure, [plots.path_of(solution).words])
+    say(figure, [plots.path_of(solution).words])
     return figure
 
 
@@ -91,7 +84,7 @@ def convergence(solution: Solution) -> Figure:
         return _only_words("The solver recorded no error: there is no convergence to draw.")
     figure, (axes,) = _panels(1)
     plots.plot_convergence(axes, solution)
-    legend_above(axes, columns=2)
+    legend_above(axes, 2, **COMPACT)
     return figure
 
 
@@ -103,7 +96,7 @@ def margins(solution: Solution) -> Figure:
     figure, (axes,) = _panels(1)
     plots.plot_margins(axes, solution)
     legend_above(axes)
-    _say(figure, [*plots.crossing_words(solution), plots.path_of(solution).words])
+    say(figure, [*plots.crossing_words(solution), plots.path_of(solution).words])
     return figure
 
 
@@ -120,20 +113,20 @@ def robot(solution: Solution) -> Figure:
     count = len(poses)
     figure = Figure(figsize=(max(count, 1.5) * 2.35, 2.75))
     for i, pose in enumerate(poses):
-        box = ((i + 0.02) / count, 0.12, 0.96 / count, 0.82)
+        box = (i / count, 0.12, 0.96 / count, 0.82)  # room for the name of the z axis
         axes = figure.add_axes(box, projection="3d", computed_zorder=False)
         if goal:
             drawing.plot_robot(axes, goal.drawing, ghost=True)
         drawing.plot_robot(axes, pose.drawing)
         drawing.plot_path(axes, points)
-        drawing.set_view(axes, low, high)
+        drawing.set_view(axes, low, high, zoom=0.84)
         figure.text((i + 0.5) / count, 0.955, pose.words, ha="center", va="center")
     entries = drawing.legend_entries(poses[0].drawing)
     entries += [("path", {"color": COLOURS[6], "linewidth": 1.1})] if len(points) else []
     entries += [("goal", {"color": "0.45", "linewidth": 0.7, "linestyle": (0, (4, 2))})] if goal else []
     handles = [Line2D([], [], label=words, **style) for words, style in entries]
     figure.legend(handles=handles, loc="lower center", ncols=len(handles), bbox_to_anchor=(0.5, 0.015))
-    _say(figure, [path.words])
+    say(figure, [path.words])
     return figure
 
 
@@ -153,8 +146,14 @@ def _bare_path(solution: Solution) -> Figure:
         drawing.plot_curves(
             figure, tips, ["$x$", "$y$", "$z$"], ["tip of the body's $x$", "of $y$", "of $z$"]
         )
-    _say(figure, [path.words])
+    say(figure, [path.words])
     return figure
+
+
+@_styled
+def failure(solution: Solution) -> Figure:
+    """Why a solve failed: error and margins by evaluation, and where the last path is in trouble."""
+    return failures.failure(solution)
 
 
 FIGURES: dict[str, Callable[[Solution], Figure]] = {
@@ -163,7 +162,13 @@ FIGURES: dict[str, Callable[[Solution], Figure]] = {
     "convergence": convergence,
     "margins": margins,
     "robot": robot,
+    "failure": failure,
 }
+
+
+def names_of(solution: Solution) -> list[str]:
+    """The pictures that say something of a solution: one that converged has no failure to show."""
+    return [name for name in FIGURES if name != "failure" or solution.outcome is not Outcome.CONVERGED]
 
 
 def save(figure: Figure, file: Path) -> Path:
@@ -180,11 +185,11 @@ def write_pictures(
     formats: Sequence[str] = ("svg", "png"),
     names: Iterable[str] | None = None,
 ) -> list[Path]:
-    """Every picture, or those named, in every format; the files written, in that order."""
+    """Every picture (`names_of`), or those named, in every format; the files written, in that order."""
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     written = []
-    for name in FIGURES if names is None else names:
+    for name in names_of(solution) if names is None else names:
         figure = FIGURES[name](solution)
         written += [save(figure, folder / f"{name}.{kind}") for kind in formats]
     return written

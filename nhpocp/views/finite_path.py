@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -55,3 +56,10 @@ def quantity(solution: Solution, name: str, path: Path) -> Array:
     values = values.reshape(path.samples, -1) if values.size else np.empty((path.samples, 0))
     with np.errstate(invalid="ignore"):
         return np.where(np.abs(values) < LARGEST, values, np.nan) if values.size else values
+
+
+def positive(values: Iterable[float | None]) -> Array:
+    """Numbers for a log axis, NaN where there is none."""
+    found = np.array([np.nan if value is None else float(value) for value in values])
+    found[~(np.isfinite(found) & (found > 0))] = np.nan
+    return found

@@ -6,7 +6,7 @@ where there are several, ``line`` overrides the look of the lines (alpha, linewi
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -16,8 +16,8 @@ from nhpocp.arrays import Array
 from nhpocp.errors import OrientationAtPiError
 from nhpocp.solution import Outcome, Solution
 from nhpocp.state_space import Block, StateSpace
-from nhpocp.views.finite_path import Path, path_of, quantity
-from nhpocp.views.style import ALARM, COLOURS, FAINT, GREY, line_style, symbol, with_unit
+from nhpocp.views.finite_path import Path, path_of, positive, quantity
+from nhpocp.views.style import ALARM, COLOURS, FAINT, GREY, line_style, symbol, trial_style, with_unit
 
 _NAMES = {"det_s": r"$\det\,S = 0$", "det_w": r"$\det\,W = 0$"}
 
@@ -142,10 +142,11 @@ def plot_blocks(
 
 
 def goal_groups(solution: Solution) -> list[list[Block]]:
-    """Blocks with a goal, as they share a panel: each vector and rotation alone, the scalars by unit."""
+    """Blocks and outputs with a goal, as they share a panel: the scalars by unit, every other alone."""
     groups: list[list[Block]] = []
     scalars: dict[str, list[Block]] = {}
-    for block in solution.problem.system.state_space.blocks:
+    system = solution.problem.system
+    for block in [*system.state_space.blocks, *system.pose_outputs]:
         if block.name not in solution.problem.goal:
             continue
         if block.kind != "scalar":
@@ -158,15 +159,15 @@ def goal_groups(solution: Solution) -> list[list[Block]]:
 
 
 def relative_values(solution: Solution, block: Block) -> Array:
-    """value - goal, or the rotation vector of R R_dᵀ with NaN at a half turn; (samples, components)."""
+    """value - goal, or the rotation vector from goal to value with NaN at a half turn; (samples, components)."""
     path, goal = path_of(solution), solution.problem.goal[block.name]
     values = quantity(solution, block.name, path)
-    if block.kind != "rotation":
+    if block.kind not in ("rotation", "direction"):
         return values - np.ravel(goal) if values.size else values
     found = np.full((path.samples, 3), np.nan)
-    for k, matrix in enumerate(values.reshape(-1, 3, 3)):
+    for k, value in enumerate(values.reshape(-1, *block.shape)):
         try:
-            found[k] = so3.log(matrix @ goal.T)
+            found[k] = so3.log(value @ goal.T) if block.kind == "rotation" else so3.between(goal, value)
         except OrientationAtPiError:
             continue  # the axis is not defined there
     return found
@@ -244,22 +245,37 @@ def _broken(vectors: Array) -> Array:
     return broken
 
 
-def error_history(solution: Solution) -> tuple[Array, Array]:
-    """(k, E) of the records; E is NaN where it is missing or not a positive number."""
-    ks = [record.get("k", i) for i, record in enumerate(solution.iterations)]
-    errors = [record.get("error") for record in solution.iterations]
-    values = np.array([np.nan if error is None else float(error) for error in errors])
-    values[~(np.isfinite(values) & (values > 0))] = np.nan
-    return np.array(ks, dtype=float), values
+Record = Mapping[str, Any]
+
+
+def own_records(solution: Solution, accepted: bool = True) -> list[Record]:
+    """The records, accepted or refused, of the try that the solution came from: the last, or if all failed the best."""
+    tries: dict[Any, list[Record]] = {}
+    for record in solution.iterations:
+        tries.setdefault(record.get("attempt"), []).append(record)
+
+    def least(records: list[Record]) -> float:
+        return min((r["error"] for r in records if r.get("error") is not None), default=np.inf)
+
+    found = list(tries.values()) or [[]]
+    own = found[-1] if solution.outcome is Outcome.CONVERGED else min(found, key=least)
+    return [record for record in own if bool(record.get("accepted", True)) is accepted]
+
+
+def error_history(solution: Solution, accepted: bool = True) -> tuple[Array, Array]:
+    """(k, E) of `own_records`; E is NaN where it is missing or not a positive number."""
+    records = own_records(solution, accepted)
+    ks = [record.get("k", i) for i, record in enumerate(records)]
+    return np.array(ks, dtype=float), positive(record.get("error") for record in records)
 
 
 def step_sums(solution: Solution) -> tuple[Array, Array] | None:
-    """(θ, log of the product of 1-γ) at every record, or None where the solver names no γ.
+    """(θ, log of the product of 1-γ) at every accepted record, or None where the solver names no γ.
 
     A record's own ``gamma`` is the step that led to it; without one it is the setting's.
     """
     common = solution.settings.get("gamma")
-    steps = [record.get("gamma", common) for record in solution.iterations]
+    steps = [record.get("gamma", common) for record in own_records(solution)]
     if solution.solver != "jacobian" or len(steps) < 2 or any(step is None for step in steps[1:]):
         return None
     gammas = np.array([0.0, *(float(step) for step in steps[1:])])
@@ -275,6 +291,11 @@ def plot_convergence(
     good = np.flatnonzero(np.isfinite(errors))
     style = {"color": COLOURS[0], "marker": "o", "markersize": 2.2, "linewidth": 1.0, **line}
     axes.plot(ks, errors, label=_titled(label, r"error $\mathcal{E}$"), zorder=3, **style)
+    refused = error_history(solution, accepted=False)
+    if len(refused[0]):
+        axes.plot(
+            *refused, label=_titled(label, "trial"), **trial_style(len(refused[0])), color=style["color"]
+        )
     axes.set_yscale("log")
     sums = step_sums(solution)
     if references and sums is not None and len(good):

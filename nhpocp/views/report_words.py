@@ -201,7 +201,8 @@ def facts(problem: PlanningProblem) -> list[tuple[str, Markup]]:
     found = [
         ("System", Markup("{}: {}").format(system.model, ", ".join(parameters) or "no parameters")),
         ("Start", _pose(problem, problem.start, space.names)),
-        ("Goal", _pose(problem, problem.goal, space.names)),
+        ("Goal", _target(problem, problem.goal)),
+        *((f"Via pose at {via.share:g} T", _target(problem, via.goal)) for via in problem.via),
         ("Horizon T", span),
         ("Control to begin with", _initial(problem)),
         ("Objective", Markup("{}, {}").format(problem.objective.replace("_", " "), cost_symbol(problem))),
@@ -221,13 +222,19 @@ def _parameter(value: Any) -> str:
     return text if len(text) < 400 else f"{text[:400]}…"
 
 
+def _target(problem: PlanningProblem, values: Any) -> Markup:
+    """A goal or via pose: the state's blocks, and the outputs that it names."""
+    outputs = [output.name for output in problem.system.pose_outputs if output.name in values]
+    return _pose(problem, values, [*problem.system.state_space.names, *outputs])
+
+
 def _pose(problem: PlanningProblem, values: Any, names: Sequence[str]) -> Markup:
     kinds = {block.name: block.kind for block in problem.system.state_space.blocks}
     parts = []
     for name in names:
         if name not in values:
             parts.append(Markup("{} free").format(name))
-        elif kinds[name] == "rotation":
+        elif kinds.get(name) == "rotation":
             angles = np.degrees(np.asarray(so3.to_rpy(np.asarray(values[name])), dtype=float))
             parts.append(Markup("{} roll, pitch, yaw = {}").format(name, _vector(angles, "°")))
         else:

@@ -6,8 +6,9 @@ Nothing here keeps state of its own: figures are made with matplotlib's object-o
 from __future__ import annotations
 
 import re
+import textwrap
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -26,6 +27,13 @@ DASHES: tuple[Any, ...] = (
     (0, (3, 1, 1, 1, 1, 1)),
 )
 GREY, FAINT, ALARM = "0.35", "0.92", "#B2182B"
+
+MANY = 100  # points that can still be told apart in a panel
+COMPACT: dict[str, Any] = {
+    "handlelength": 2.0,
+    "columnspacing": 1.0,
+    "handletextpad": 0.5,
+}  # for many entries
 
 SETTINGS: dict[str, Any] = {
     "font.family": "STIXGeneral",  # comes with matplotlib, so pictures are the same everywhere
@@ -81,6 +89,14 @@ def line_style(index: int) -> dict[str, Any]:
     return {"color": COLOURS[index % len(COLOURS)], "linestyle": DASHES[index % len(DASHES)]}
 
 
+def trial_style(count: int) -> dict[str, Any]:
+    """Of what was tried and not kept: crosses, or dots where there are too many for crosses."""
+    marker: dict[str, Any] = {"marker": "x", "markersize": 2.8, "markeredgewidth": 0.6, "alpha": 0.6}
+    if count > MANY:
+        marker = {"marker": ".", "markersize": 1.8, "markeredgewidth": 0, "alpha": 0.5}
+    return {"linestyle": "none", **marker}
+
+
 _NOTATION = {"position": "p", "orientation": "R", "leg_lengths": "l", "joint_angles": r"\theta"}
 _GREEK = ("alpha", "beta", "gamma", "theta", "phi", "psi", "omega", "sigma", "lambda", "kappa")
 
@@ -114,7 +130,15 @@ def with_unit(words: str, unit: str, rate: bool = False) -> str:
     return words + (_RATES if rate else _UNITS)[unit]
 
 
-def legend_above(axes: Any, columns: int | None = None) -> None:
+def say(figure: Any, sentences: Iterable[str | None]) -> None:
+    """Plain words on top of a figure, wrapped to its width."""
+    width = int(figure.get_figwidth() * 19.5)
+    lines = [line for sentence in sentences if sentence for line in textwrap.wrap(sentence, width)]
+    if lines:
+        figure.suptitle("\n".join(lines), x=0.02, ha="left", fontsize=8, color=ALARM, linespacing=1.15)
+
+
+def legend_above(axes: Any, columns: int | None = None, **look: Any) -> None:
     """A legend over the axes, where it hides no line."""
     handles, labels = axes.get_legend_handles_labels()
     if handles:
@@ -124,4 +148,5 @@ def legend_above(axes: Any, columns: int | None = None) -> None:
             loc="lower left",
             bbox_to_anchor=(0.0, 1.02),
             ncols=columns or min(len(handles), 4),
+            **look,
         )

@@ -1,0 +1,58 @@
+"""Tables of a solution as CSV: the trajectory by time, the iterations by evaluation."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from nhpocp.solution import Solution
+
+# what a reader looks for first; further keys follow in the order in which the records name them
+FIRST = ("k", "attempt", "error", "objective", "step", "gamma", "rank", "sigma_jacobian")
+LAST = ("accepted",)
+
+
+def write_trajectory(solution: Solution, file: Path) -> None:
+    """A row per sample: time, then every number of every quantity."""
+    names, columns = [], []
+    for name, values in solution.trajectory.items():
+        table = np.asarray(values).reshape(len(values), -1)
+        shape = np.asarray(values).shape[1:]
+        names += [name + "".join(f"[{i}]" for i in index) for index in np.ndindex(*shape)]
+        columns.append(table)
+    _write(file, names, np.hstack(columns))
+
+
+def write_iterations(solution: Solution, file: Path) -> None:
+    """A row per record of the solve, in the order in which the controls were evaluated."""
+    names = record_names(solution.iterations)
+    _write(file, names, ([record.get(name) for name in names] for record in solution.iterations))
+
+
+def record_names(records: Iterable[Mapping[str, Any]]) -> list[str]:
+    """The keys of all records together, as they stand in the header; of no record, the one that every record has."""
+    there = dict.fromkeys(name for record in records for name in record) or {"k": None}
+    first = [name for name in FIRST if name in there]
+    last = [name for name in LAST if name in there]
+    return [*first, *(name for name in there if name not in FIRST + LAST), *last]
+
+
+def _write(file: Path, names: Sequence[str], rows: Iterable[Iterable[Any]]) -> None:
+    with file.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.writer(stream)
+        writer.writerow(names)
+        writer.writerows([_cell(value) for value in row] for row in rows)
+
+
+def _cell(value: Any) -> Any:
+    """A value as text that reads back as the same number; truth as 1 or 0, what is missing or not finite as nothing."""
+    if isinstance(value, bool | np.bool_):
+        return int(value)
+    if isinstance(value, float | np.floating):
+        return repr(float(value)) if math.isfinite(value) else ""
+    return value  # csv writes None as nothing
