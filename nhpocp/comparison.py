@@ -345,8 +345,9 @@ def _task(problem: PlanningProblem) -> str:
         [problem.system.model, problem.system.parameters()],
         [
             {name: np.asarray(value).tolist() for name, value in part.items()}
-            for part in (problem.start, problem.goal)
+            for part in (problem.start, problem.goal, *(via.goal for via in problem.via))
         ],
+        [via.share for via in problem.via],
         [problem.horizon.initial, problem.horizon.minimum, problem.horizon.maximum],
         [problem.objective, problem.error_length, problem.scale, bounds],
     ]

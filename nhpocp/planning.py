@@ -43,7 +43,9 @@ def _default_solver() -> Solver:
 
 
 def _refused(problem: PlanningProblem, solver: Solver) -> Solution | None:
-    """The ending of a task that no path of this machine performs, recognised from its two ends alone."""
+    """The ending of a task that no path of this machine performs, recognised from its poses alone."""
+    if broken := _broken_values(problem):
+        return _unsolved(problem, solver, Outcome.INFEASIBLE, f"{broken}. {Outcome.INFEASIBLE.advice}")
     if set(problem.goal) != set(problem.system.state_space.names):
         return None
     numeric = numeric_system(problem.system)
@@ -55,6 +57,23 @@ def _refused(problem: PlanningProblem, solver: Solver) -> Solution | None:
         if sentence:
             return _unsolved(problem, solver, outcome, f"{sentence}. {outcome.advice}")
     return None
+
+
+def _broken_values(problem: PlanningProblem) -> str:
+    """Values of the goal, where it leaves something free, and of the via poses that break a bound themselves."""
+    sentences = []
+    for task in problem.tasks:
+        if task.share == 1.0 and set(task.values) == set(problem.system.state_space.names):
+            continue  # `_broken_bounds` knows more of a whole pose
+        values = {name: np.asarray(value)[None] for name, value in task.values.items()}
+        bounds = [bound for bound in problem.bounds if bound.quantity in values]
+        named = "goal" if task.share == 1.0 else f"via pose at {task.share:g}"
+        sentences += [
+            f"the {named} itself breaks {report.name}, which is {report.value:.4g}, {report.limit_words()}"
+            for report in check_bounds(bounds, np.array([task.share]), values)
+            if not report.ok
+        ]
+    return "; ".join(sentences)
 
 
 def _broken_bounds(problem: PlanningProblem, numeric: NumericSystem, ends: Array) -> str:

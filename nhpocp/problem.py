@@ -15,10 +15,11 @@ from nhpocp.controls.basis import ControlBasis
 from nhpocp.controls.control import Control
 from nhpocp.controls.fourier import Fourier
 from nhpocp.errors import InvalidProblemError
-from nhpocp.state_space import StateSpace
+from nhpocp.state_space import Block, StateSpace
 from nhpocp.systems.system import System
 from nhpocp.task import Task
 
+SAME_TIME = 1e-6  # shares of the horizon that are nearer have no room for a motion between them
 OBJECTIVES = ("effort", "leg_effort", "path_length", "time")
 
 
@@ -72,7 +73,8 @@ class Via:
 class PlanningProblem:
     """Steer ``system`` from ``start`` to ``goal``.
 
-    start: a value for every block of the state; goal: a value for every block that matters (the others are free).
+    start: a value for every block of the state; goal: a value for every block that matters (the others are free), or
+    for outputs of the pose. via: what to meet on the way, written like the goal.
     initial: coefficients Λ₀ (inputs × basis functions), or None to let the solver draw a seeded start.
     error_length: the length that counts as much as one radian in E; length_scale divides the rotation columns of the
     regularity matrices (None: the system's own length). solvers: solver objects by name, used by `nhpocp.solve`.
@@ -98,10 +100,8 @@ class PlanningProblem:
     source: str | None = None  # the problem file's text, as read
 
     def __post_init__(self) -> None:
-        space = self.system.state_space
-        for part, complete in (("start", True), ("goal", False)):
-            values = getattr(self, part)
-            object.__setattr__(self, part, checked_values(space, values, part, complete=complete))
+        object.__setattr__(self, "start", checked_state(self.system.state_space, self.start))
+        object.__setattr__(self, "goal", checked_goal(self.system, self.goal, "goal"))
         if self.objective not in OBJECTIVES:
             raise InvalidProblemError(
                 f"{self.objective!r} is none of {', '.join(OBJECTIVES)}", path="objective"
@@ -114,14 +114,26 @@ class PlanningProblem:
             raise InvalidProblemError("a trajectory needs at least 2 samples", path="output.samples")
         if self.initial is not None:
             object.__setattr__(self, "initial", self._checked_initial())
+        object.__setattr__(self, "via", self._checked_via())
+        self._check_bounds()
+
+    def _checked_via(self) -> tuple[Via, ...]:
+        """The via poses in the order of time."""
+        found: list[Via] = []
         for place, via in enumerate(self.via):
             path = f"via[{place}]"
             if not 0 < via.share < 1:
                 raise InvalidProblemError(
                     f"at {via.share:g}; expected a share of the horizon in (0, 1)", path=path
                 )
-            object.__setattr__(via, "goal", checked_values(space, via.goal, path, complete=False))
-        self._check_bounds()
+            taken = {0.0: "the start is", 1.0: "the goal is"} | {
+                other.share: "another via pose is" for other in found
+            }
+            beside = [words for share, words in taken.items() if abs(via.share - share) < SAME_TIME]
+            if beside:
+                raise InvalidProblemError(f"at {via.share:g}, where {beside[0]} already", path=path)
+            found.append(Via(via.share, checked_goal(self.system, via.goal, path)))
+        return tuple(sorted(found, key=lambda via: via.share))
 
     def _checked_initial(self) -> Array:
         path, inputs = "control.initial", self.system.input_space
@@ -161,17 +173,14 @@ class PlanningProblem:
     @cached_property
     def goal_point(self) -> Array:
         """The goal as a packed point; free blocks keep the start's value (and have weight 0)."""
-        return np.asarray(self.system.state_space.pack({**self.start, **self.goal}), dtype=float)
+        values = {name: self.goal.get(name, value) for name, value in self.start.items()}
+        return np.asarray(self.system.state_space.pack(values), dtype=float)
 
     @cached_property
     def tasks(self) -> tuple[Task, ...]:
         """What the path must meet, in the order of time; the goal is the last."""
-        wanted = [
-            *sorted(((via.share, via.goal) for via in self.via), key=lambda pair: pair[0]),
-            (1.0, self.goal),
-        ]
-        space = self.system.state_space
-        return tuple(Task(space, goal, share, self.error_length, self.scale) for share, goal in wanted)
+        wanted = [*((via.share, via.goal) for via in self.via), (1.0, self.goal)]
+        return tuple(Task(self.system, goal, share, self.error_length, self.scale) for share, goal in wanted)
 
     def goal_error(self, point: Array) -> float:
         """E at a packed point, [Paper] section 4; NaN where it has none."""
@@ -187,21 +196,46 @@ class PlanningProblem:
         return Control(self.basis, coefficients, horizon or self.horizon.fixed)
 
 
-def checked_values(
-    space: StateSpace, values: Mapping[str, Any], part: str, *, complete: bool
-) -> dict[str, Array]:
-    """Values per block as read-only arrays of the right shape; rotations must be rotations within 1e-6."""
+def checked_state(space: StateSpace, values: Mapping[str, Any]) -> dict[str, Array]:
+    """A value for every block of the start, as `checked_values`."""
     unknown = [name for name in values if name not in space.names]
-    missing = [name for name in space.names if name not in values] if complete else []
-    if unknown or missing or not values:
+    missing = [name for name in space.names if name not in values]
+    if unknown or missing:
         raise InvalidProblemError(
-            f"expected {'all' if complete else 'some'} of {', '.join(space.names)}"
+            f"expected all of {', '.join(space.names)}"
             + (f"; unknown: {', '.join(unknown)}" if unknown else "")
             + (f"; missing: {', '.join(missing)}" if missing else ""),
+            path="start",
+        )
+    return checked_values(space.blocks, values, "start")
+
+
+def checked_goal(system: System, values: Mapping[str, Any], part: str) -> dict[str, Array]:
+    """Values of a goal or via pose: some of the state's blocks and of the system's outputs of the pose."""
+    blocks = [*system.state_space.blocks, *system.pose_outputs]
+    unknown = [name for name in values if name not in [block.name for block in blocks]]
+    if unknown or not values:
+        raise InvalidProblemError(
+            f"expected some of {', '.join(block.name for block in blocks)}"
+            + (f"; unknown: {', '.join(unknown)}" if unknown else ""),
             path=part,
         )
+    count, room = sum(b.dimension for b in blocks if b.name in values), system.state_space.dimension
+    if count > room:
+        raise InvalidProblemError(
+            f"fixes {count} numbers of a state that has {room}; leave out one of {', '.join(values)}",
+            path=part,
+        )
+    return checked_values(blocks, values, part)
+
+
+def checked_values(blocks: Sequence[Block], values: Mapping[str, Any], part: str) -> dict[str, Array]:
+    """Values per block as read-only arrays of the right shape; rotations must be rotations within 1e-6.
+
+    Directions become unit vectors.
+    """
     checked = {}
-    for block in space.blocks:
+    for block in blocks:
         if block.name not in values:
             continue
         path = f"{part}.{block.name}"
@@ -221,6 +255,15 @@ def checked_values(
                 raise InvalidProblemError(
                     f"no rotation matrix: RᵀR or det R is off by {defect:.2g}", path=path
                 )
+        if block.kind == "direction":
+            value = _unit(value, path)
         value.flags.writeable = False
         checked[block.name] = value
     return checked
+
+
+def _unit(value: Array, path: str) -> Array:
+    length = float(np.linalg.norm(value))
+    if length < 1e-9:
+        raise InvalidProblemError("the zero vector; expected a direction", path=path)
+    return value if abs(length - 1) < 1e-15 else value / length  # else it would change each time it is read

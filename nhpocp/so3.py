@@ -13,9 +13,11 @@ from collections.abc import Mapping
 from math import factorial, pi
 from typing import Any
 
-from nhpocp.arrays import Array, dot, namespace, norm
+from nhpocp.arrays import Array, cross, dot, namespace, norm
 from nhpocp.errors import OrientationAtPiError
 
+# arcsin(s)/s in powers of s²
+ARCSINE = [1.0, 1 / 6, 3 / 40, 15 / 336, 105 / 3456, 945 / 42240, 10395 / 599040]
 SERIES_BELOW = 0.25  # |w|² under which the series are used; their first dropped terms are below 3e-17 there
 
 
@@ -128,8 +130,7 @@ def log(rotation: Array) -> Array:
     near = xp.where(far, 0.0, xp.where(squared < 1e-3, 1.0, 0.0)) > 0.5
     sine = xp.sqrt(xp.where(near, 1.0, xp.where(far, 1.0, squared)))
     small = xp.where(near, squared, 0.0)
-    # arcsin(s)/s in powers of s²
-    series = _series(small, [1.0, 1 / 6, 3 / 40, 15 / 336, 105 / 3456, 945 / 42240, 10395 / 599040])
+    series = _series(small, ARCSINE)
     return xp.where(far, beyond, xp.where(near, series, xp.atan2(sine, cosine) / sine) * axis)
 
 
@@ -142,6 +143,29 @@ def cayley(c: Array) -> Array:
 def cayley_inverse(rotation: Array) -> Array:
     """The Gibbs vector of R; infinite at a half turn."""
     return 2 / (1 + rotation[0, 0] + rotation[1, 1] + rotation[2, 2]) * vee(rotation)
+
+
+def between(origin: Array, direction: Array) -> Array:
+    """The rotation vector of the shortest turn from one unit vector to another: φ n, perpendicular to both.
+
+    Errors: with numbers, `OrientationAtPiError` where they are opposite and n is any perpendicular.
+    """
+    xp, axis = namespace(origin, direction), cross(origin, direction)
+    squared, cosine = dot(axis, axis), dot(origin, direction)
+    numbers = type(squared).__module__.partition(".")[0] != "casadi"
+    if numbers and cosine < 0 and squared < 1e-16:
+        raise OrientationAtPiError(
+            "the two directions are opposite: the turn between them has no unique axis; change one by a small angle"
+        )
+    near = xp.where(cosine > 0, xp.where(squared < 1e-3, 1.0, 0.0), 0.0) > 0.5
+    sine = xp.sqrt(xp.where(near, 1.0, squared))
+    series = _series(xp.where(near, squared, 0.0), ARCSINE)
+    return xp.where(near, series, xp.atan2(sine, cosine) / sine) * axis
+
+
+def gibbs_between(origin: Array, direction: Array) -> Array:
+    """tan(φ/2) n of the same turn: rational; infinite where the directions are opposite."""
+    return cross(origin, direction) / (1 + dot(origin, direction))
 
 
 def from_rpy(angles: Array) -> Array:

@@ -14,13 +14,13 @@ from nhpocp import so3
 from nhpocp.arrays import Array, namespace, norm
 from nhpocp.errors import InvalidProblemError
 
-Kind = Literal["vector", "scalar", "rotation"]
+Kind = Literal["vector", "scalar", "rotation", "direction"]
 Unit = Literal["length", "angle", ""]
 
 
 @dataclass(frozen=True)
 class Block:
-    """One named part of a state or of an input."""
+    """One named part of a state or of an input, or an output; a direction, a unit vector, is an output only."""
 
     name: str
     kind: Kind
@@ -30,17 +30,18 @@ class Block:
     @property
     def size(self) -> int:
         """Numbers in a packed point."""
-        return {"vector": self.components, "scalar": 1, "rotation": 9}[self.kind]
+        return {"vector": self.components, "scalar": 1, "rotation": 9, "direction": 3}[self.kind]
 
     @property
     def dimension(self) -> int:
         """Numbers in a tangent vector."""
-        return {"vector": self.components, "scalar": 1, "rotation": 3}[self.kind]
+        return {"vector": self.components, "scalar": 1, "rotation": 3, "direction": 2}[self.kind]
 
     @property
     def shape(self) -> tuple[int, ...]:
         """Shape of the block's value."""
-        return {"vector": (self.components,), "scalar": (), "rotation": (3, 3)}[self.kind]
+        shapes: dict[str, tuple[int, ...]] = {"scalar": (), "rotation": (3, 3), "direction": (3,)}
+        return shapes.get(self.kind, (self.components,))
 
     @property
     def labels(self) -> list[str]:
@@ -64,6 +65,10 @@ def rotation(name: str) -> Block:
     return Block(name, "rotation", 3, "angle")
 
 
+def direction(name: str) -> Block:
+    return Block(name, "direction", 3, "angle")
+
+
 class StateSpace:
     """A product of blocks, in order. Points may be numbers or CasADi symbols."""
 
@@ -76,6 +81,8 @@ class StateSpace:
         self._tangents: dict[str, slice] = {}
         point = tangent = 0
         for block in blocks:
+            if block.kind == "direction":
+                raise InvalidProblemError(f"{block.name} is a direction: an output, not a part of a state")
             self._points[block.name] = slice(point, point + block.size)
             self._tangents[block.name] = slice(tangent, tangent + block.dimension)
             point, tangent = point + block.size, tangent + block.dimension
@@ -235,6 +242,12 @@ class StateSpace:
             else:
                 parts.append(here[block.name] - there[block.name])
         return xp.concatenate(parts)
+
+    def nearest(self, point: Array) -> Array:
+        """The packed numbers with their rotations made exact; a fixed-step integrator leaves SO(3) by its error."""
+        values = self.unpack(point)
+        rotations = [block.name for block in self.blocks if block.kind == "rotation"]
+        return self.pack({**values, **{name: so3.nearest(values[name]) for name in rotations}})
 
     def weights(self, error_length: float) -> list[float]:
         """One weight per tangent number: 1/error_length for lengths, 1 for the rest."""

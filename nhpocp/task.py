@@ -2,64 +2,117 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from nhpocp import so3
-from nhpocp.arrays import Array
+from nhpocp.arrays import Array, namespace
+from nhpocp.calls import call
 from nhpocp.errors import OrientationAtPiError
-from nhpocp.state_space import StateSpace
+from nhpocp.state_space import Block, StateSpace
+from nhpocp.systems.system import System
 
 HALF_TURN_WITHIN = 1e-7  # [rad]; closer to π the axis of the error is noise
 
 
 @dataclass(frozen=True)
 class Task:
-    """Values for some blocks of the state at a share of the horizon; the other blocks are free.
+    r"""Values for some blocks of the state, or for outputs of the pose, at a share of the horizon; the rest is free.
 
+    e stacks, block by block and then output by output: x - x_d of a vector, log(R R_dᵀ) of a rotation, [Paper] eq. (8),
+    y - y_d of an output, and for a direction the rotation vector from y_d to y, which has two numbers in the plane
+    perpendicular to y_d. A goal in some of the coordinates only, or in a function of them, is a task function.
     error_length: the length that counts as much as one radian in E; scale: the mechanism's own length, by which
     lengths are divided in the linear algebra, so that a rank depends on no unit.
     """
 
-    space: StateSpace
+    system: System
     values: Mapping[str, Any]
     share: float
     error_length: float
     scale: float
 
+    @property
+    def space(self) -> StateSpace:
+        return self.system.state_space
+
     @cached_property
     def rows(self) -> Array:
-        """Indices of the tangent numbers that the task fixes."""
+        """Indices of the tangent numbers that the task fixes itself; outputs fix none."""
         numbers = np.arange(self.space.dimension)
         parts = [numbers[self.space.tangent_slice(n)] for n in self.space.names if n in self.values]
         return np.concatenate(parts) if parts else np.empty(0, dtype=int)
 
     @cached_property
+    def outputs(self) -> list[Block]:
+        """The outputs that the task fixes."""
+        return [output for output in self.system.pose_outputs if output.name in self.values]
+
+    @property
+    def size(self) -> int:
+        """Numbers in e."""
+        return len(self.units)
+
+    @cached_property
+    def units(self) -> list[str]:
+        """The unit of each number of e: length, angle, or none."""
+        units = self.space.tangent_units
+        return [units[i] for i in self.rows] + [o.unit for o in self.outputs for _ in range(o.dimension)]
+
+    @cached_property
+    def output_labels(self) -> list[str]:
+        """One name per number of e that belongs to an output."""
+        return [
+            output.name if output.kind == "scalar" else f"{output.name}[{i}]"
+            for output in self.outputs
+            for i in range(output.dimension)
+        ]
+
+    @cached_property
     def weights(self) -> Array:
-        """Weight of each fixed tangent number in E."""
-        return np.asarray(self.space.weights(self.error_length))[self.rows]
+        """Weight of each number of e in E."""
+        return np.where(np.array(self.units) == "length", 1.0 / self.error_length, 1.0)
 
     @cached_property
     def _fixed(self) -> StateSpace:
         return StateSpace([block for block in self.space.blocks if block.name in self.values])
 
     @cached_property
+    def _wanted(self) -> Array:
+        """The blocks' values as a point of the space that they make."""
+        return np.asarray(self._fixed.pack({name: self.values[name] for name in self._fixed.names}))
+
+    def _part(self, point: Array) -> Array:
+        """The same blocks of a point."""
+        here = self.space.unpack(point)
+        return self._fixed.pack({name: here[name] for name in self._fixed.names})
+
+    @cached_property
     def _scales(self) -> Array:
-        units = np.array(self.space.tangent_units)[self.rows]
-        return np.where(units == "length", 1.0 / self.scale, 1.0)
+        return np.where(np.array(self.units) == "length", 1.0 / self.scale, 1.0)
 
     def difference(self, point: Array) -> Array:
-        """e of [Paper] eq. (8) over the fixed blocks, unweighted.
+        """e, unweighted.
 
-        Errors: `OrientationAtPiError` where a fixed rotation is a half turn away.
+        Errors: `OrientationAtPiError` where a fixed rotation is a half turn away, or a direction opposite.
         """
-        here, space = self.space.unpack(point), self._fixed
-        there = space.pack({name: here[name] for name in space.names})
-        return np.asarray(space.difference(there, space.pack(self.values)))
+        space, parts = self._fixed, [np.empty(0)]
+        if space.blocks:
+            parts.append(np.asarray(space.difference(self._part(point), self._wanted)))
+        for output in self.outputs:
+            parts.append(self._output_error(output, _observed(self.system, output.name, point)[0]))
+        return np.concatenate(parts)
+
+    def _output_error(self, output: Block, value: Array) -> Array:
+        wanted = np.ravel(self.values[output.name])
+        if output.kind == "direction":
+            return np.asarray(_plane(wanted).T @ so3.between(wanted, value))
+        return value - wanted
 
     def error(self, point: Array) -> float:
         """E at a packed point, [Paper] section 4; NaN where it has none."""
@@ -71,23 +124,95 @@ class Task:
             return float("nan")
 
     def angle(self, point: Array) -> float:
-        """The largest rotation between a fixed block and its value [rad]."""
+        """The largest turn between a fixed rotation or direction and its value [rad]."""
         here = self.space.unpack(point)
-        turns = [b.name for b in self.space.blocks if b.kind == "rotation" and b.name in self.values]
-        return max((float(so3.angle(here[n] @ self.values[n].T)) for n in turns), default=0.0)
+        turned = [b.name for b in self.space.blocks if b.kind == "rotation" and b.name in self.values]
+        angles = [float(so3.angle(here[name] @ self.values[name].T)) for name in turned]
+        for output in self.outputs:
+            if output.kind == "direction":
+                value, wanted = _observed(self.system, output.name, point)[0], self.values[output.name]
+                angles.append(float(np.arctan2(np.linalg.norm(np.cross(wanted, value)), wanted @ value)))
+        return max(angles, default=0.0)
 
     def half_turn(self, point: Array) -> bool:
-        """Whether an orientation is opposite to its value, where the logarithm has no direction."""
+        """Whether a rotation or direction is opposite to its value, where e has no direction."""
         return self.angle(point) > np.pi - HALF_TURN_WITHIN
 
     def vector(self, point: Array) -> Array:
         """e, dimensionless."""
         return self.difference(point) * self._scales
 
-    def jacobian(self, jacobian: Array) -> Array:
-        """The rows of a point's Jacobian (dimension, k) that belong to `vector`, in its scale.
+    def jacobian(self, point: Array, jacobian: Array) -> Array:
+        """The rows that belong to `vector`, in its scale, from the Jacobian (dimension, k) of a point.
 
         The rows for a rotation are s, not the derivative of the logarithm: [Paper] eq. (13) asks s = -γ r, which is
-        parallel to r, so that ṙ = -γ r exactly.
+        parallel to r, so that ṙ = -γ r exactly. Those of an output are derivatives, whence ė = -γ e as well.
         """
-        return self._scales[:, None] * jacobian[self.rows]
+        parts = [jacobian[self.rows]]
+        for output in self.outputs:
+            value, by_tangent = _observed(self.system, output.name, point)
+            if output.kind == "direction":
+                wanted = np.ravel(self.values[output.name])
+                by_tangent = _plane(wanted).T @ call(_turning(), wanted, value)[0].T @ by_tangent
+            parts.append(by_tangent @ jacobian)
+        return self._scales[:, None] * np.vstack(parts)
+
+    def output_equations(self, state: Array) -> list[Array]:
+        """Expressions of a point, one per number of e that belongs to an output, which vanish exactly where e does.
+
+        Dimensionless, and rational where e is not: tan(φ/2) for the angle φ of a direction.
+        """
+        xp, found = namespace(state), []
+        control = xp.array([0.0] * self.system.input_space.size)
+        for output in self.outputs:
+            value = self.system.output(output.name, state, control)
+            wanted = np.ravel(self.values[output.name])
+            if output.kind == "direction":
+                value = xp.array(_plane(wanted).T) @ so3.gibbs_between(xp.array(wanted), value)
+            else:
+                value = value - xp.array(wanted)
+            found += [value[i] for i in range(output.dimension)]
+        scales = self._scales[len(self.rows) :]
+        return [scale * value for scale, value in zip(scales, found, strict=True)]
+
+    def equations(self, state: Array) -> list[Array]:
+        """The same for all of e, with Gibbs vectors for the blocks' rotations."""
+        space, blocks = self._fixed, []
+        if space.blocks:
+            local = space.coordinates(self._part(state), namespace(state).array(self._wanted))
+            blocks = [scale * local[i] for i, scale in enumerate(self._scales[: space.dimension])]
+        return blocks + self.output_equations(state)
+
+
+def total_error(tasks: Iterable[Task], points: Iterable[Array]) -> float:
+    """E over several tasks, each at the point that is to meet it."""
+    return float(np.linalg.norm([task.error(point) for task, point in zip(tasks, points, strict=True)]))
+
+
+def _plane(direction: Array) -> Array:
+    """Orthonormal columns (3 × 2) perpendicular to a unit vector."""
+    return np.linalg.svd(np.reshape(direction, (1, 3)))[2][1:].T
+
+
+def _observed(system: System, name: str, point: Array) -> tuple[Array, Array]:
+    """An output of the pose at a point, (k,), and its derivative by the tangent numbers, (k, dimension)."""
+    value, by_tangent = call(_observer(system, name), point)
+    return value.ravel(), by_tangent.T
+
+
+@lru_cache(maxsize=64)
+def _observer(system: System, name: str) -> ca.Function:
+    space = system.state_space
+    x, delta = ca.SX.sym("x", space.size), ca.SX.sym("delta", space.dimension)
+    value = ca.densify(ca.SX(system.output(name, x, ca.DM.zeros(system.input_space.size))))
+    along = ca.jacobian(value, x) @ space.lift(x, delta)
+    return ca.Function("observed", [x], [value, ca.densify(ca.jacobian(along, delta))])
+
+
+@lru_cache(maxsize=1)
+def _turning() -> ca.Function:
+    """(y_d, y) ↦ the derivative of `so3.between` by y, 3 × 3."""
+    wanted, value = ca.SX.sym("wanted", 3), ca.SX.sym("value", 3)
+    return ca.Function(
+        "turning", [wanted, value], [ca.densify(ca.jacobian(so3.between(wanted, value), value))]
+    )

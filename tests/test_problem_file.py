@@ -17,12 +17,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nhpocp import so3
-from nhpocp.constraints import Bound
+from nhpocp.constraints import Bound, check_bounds
 from nhpocp.controls.fourier import Fourier
 from nhpocp.errors import InvalidProblemError
 from nhpocp.flow.integrators import Cvodes
 from nhpocp.problem import Horizon, PlanningProblem
 from nhpocp.problem_file import (
+    build,
     build_solver,
     control_from_json,
     dump_problem,
@@ -213,6 +214,90 @@ def test_goal_equal_to_start_is_legal_and_warned_of() -> None:
     text = MINIMAL.replace("[0, 0, 30]}", "[0, 0, 25], orientation: {quaternion: [1, 0, 0, 0]}}")
     assert any("same as start" in warning for warning in read_text(text).warnings)
     parse_problem(text)
+
+
+FAR = """nhpocp: 1
+system: {model: three_upu}
+start: {position: [0, 0, 25], orientation: {rpy: [0, 0, 0]}}
+goal: {position: [0, 0, 500], orientation: {rpy: [0, 0, 0]}}
+constraints: {leg_length: [20, 60]}
+"""
+
+
+def test_a_goal_that_breaks_a_bound_itself_is_warned_of_with_leg_length_and_place() -> None:
+    file = read_text(FAR, "far.yaml")
+    words = "leg_length[0] is 500.2, outside [20, 60]; no plan can end there"
+    assert file.warnings == [f"goal: {words}"]
+    assert file.warning_lines() == [f"far.yaml:4:1: warning: goal: {words}"]
+    (line,) = read_text(FAR.replace("500]", "30]"), "far.yaml", ["goal.position=[0, 0, 500]"]).warning_lines()
+    assert line == f"far.yaml:4:1: warning: goal: {words}"
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        (("500]", "58.06]"), []),  # 60.00 and some hundredths: as much as verification forgives
+        (("500]", "59]"), ["goal: leg_length[0] is 60.88, outside [20, 60]; no plan can end there"]),
+        (("500], orientation: {rpy: [0, 0, 0]}}", "500]}"), []),  # without orientation no leg has a length
+        (("[20, 60]", "[null, 60]"), ["goal: leg_length[0] is 500.2, above 60; no plan can end there"]),
+        (
+            ("[20, 60]", "[30, null]"),
+            ["start: leg_length[0] is 29.15, below 30; no plan can begin there"],
+        ),
+        (
+            ("leg_length: [20, 60]", "state: {position: [[null, -1, 0], [0, 1, 40]]}"),
+            ["goal: state.position[2] is 500, outside [0, 40]; no plan can end there"],
+        ),
+        (
+            ("leg_length: [20, 60]", "state: {position: [0, 30], leg_lengths: [0, 600]}"),
+            ["goal: state.position[2] is 500, outside [0, 30]; no plan can end there"],
+        ),
+        (
+            ("constraints", "via: [{at: 0.5, position: [0, 0, 90]}]\nconstraints"),
+            [
+                "goal: leg_length[0] is 500.2, outside [20, 60]; no plan can end there",
+            ],
+        ),
+        (
+            (
+                "constraints: {",
+                "via: [{at: 0.5, position: [3, 0, 25]}]\nconstraints: {state: {position: [0, 2]}, ",
+            ),
+            [
+                "start: state.position[2] is 25, outside [0, 2]; no plan can begin there",
+                "goal: leg_length[0] is 500.2, outside [20, 60]; no plan can end there",
+                "goal: state.position[2] is 500, outside [0, 2]; no plan can end there",
+                "via[0]: state.position[2] is 25, outside [0, 2]; no plan can pass there",
+            ],
+        ),
+    ],
+)
+def test_poses_are_held_against_the_bounds_that_they_can_break(change, expected) -> None:
+    assert change[0] in FAR
+    assert read_text(FAR.replace(*change)).warnings == expected
+
+
+@given(
+    position=st.tuples(*[st.floats(-40, 40)] * 3),
+    angles=st.tuples(*[st.floats(-3, 3)] * 3),
+    limits=st.tuples(st.floats(1, 60), st.floats(1, 60)).map(sorted),
+)
+@settings(max_examples=20, deadline=None)
+def test_the_warning_agrees_with_verification(position, angles, limits) -> None:
+    """The same legs, lengths and forgiveness, computed without NumPy."""
+    goal = {"position": list(position), "orientation": {"rpy": list(angles)}}
+    file = read_text(FAR, None, [f"goal={json.dumps(goal)}", f"constraints.leg_length={json.dumps(limits)}"])
+    problem = build(file)
+    ends = [
+        problem.goal["position"] + problem.goal["orientation"] @ leg.platform - np.array(leg.base)
+        for leg in problem.system.legs  # type: ignore[attr-defined]
+    ]
+    lengths = np.linalg.norm(ends, axis=1)
+    (report,) = check_bounds(problem.bounds, np.zeros(1), {"leg_lengths": lengths[None]})
+    said = [warning for warning in file.warnings if warning.startswith("goal: leg_length")]
+    assert bool(said) is not report.ok
+    if said:
+        assert f"{report.value:.4g}, {report.limit_words()}" in said[0]
 
 
 def test_overrides_change_data_and_text_and_keep_comments() -> None:

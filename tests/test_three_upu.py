@@ -304,7 +304,7 @@ def test_numbers_and_symbols_agree(seed, form):
         assert (
             set(outputs)
             == set(expected)
-            == {"u" if form == "feedback" else "v", "leg_lengths", "joint_angles"}
+            == {"u" if form == "feedback" else "v", "leg_lengths", "joint_angles", "platform_normal"}
         )
         for name, value in expected.items():
             assert outputs[name][k].shape == value.shape

@@ -3,7 +3,7 @@
 import casadi as ca
 import numpy as np
 import pytest
-from conftest import paper_problem
+from conftest import paper_problem, yaw
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
@@ -11,13 +11,16 @@ from nhpocp.constraints import Bound, bound_rows
 from nhpocp.controls.control import Control
 from nhpocp.controls.fourier import Fourier
 from nhpocp.controls.piecewise_constant import PiecewiseConstant
-from nhpocp.problem import Horizon
+from nhpocp.problem import Horizon, Via
 from nhpocp.solvers.guesses import ProblemGuess, follow, make_guess
 from nhpocp.solvers.single_shooting import SingleShooting
 from nhpocp.solvers.transcription import Guess, Transcription
 from nhpocp.systems.numeric import NumericSystem
 
 INTERVALS = 3
+POSITION = {"position": [0, 0, 30]}
+POSE = {**POSITION, "orientation": yaw(-1.0)}
+OUTPUTS = {"leg_lengths": [38, 39, 40], "platform_normal": [0.1, -0.1, 1]}
 BOUNDS = {
     "leg_length": Bound("leg_length", "leg_lengths", 20.0, 60.0),
     "leg_speed": Bound("leg_speed", "u", -200.0, 200.0),
@@ -39,6 +42,11 @@ FAMILY = [
     {"form": "original", "steps": 2, "bounds": ["leg_length"]},
     {"form": "original", "basis": Fourier(1), "objective": "path_length"},
     {"goal": {"position": [-0.4, -0.2, 35]}, "bounds": ["leg_length", "state"]},
+    {"via": [Via(0.5, POSE)], "bounds": ["leg_speed"]},
+    {"via": [Via(0.2, POSE), Via(1 / 3, POSITION)], "basis": Fourier(1), "steps": 2},
+    {"via": [Via(0.4, POSITION), Via(0.45, OUTPUTS)], "horizon": Horizon(1.5, 0.5, None)},
+    {"goal": OUTPUTS, "bounds": ["leg_length"]},
+    {"goal": {**POSITION, "platform_normal": [0.1, 0, 1]}, "basis": Fourier(1), "via": [Via(2 / 3, OUTPUTS)]},
 ]
 
 

@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 
 from nhpocp.arrays import Array
-from nhpocp.calls import call
+from nhpocp.calls import call, mapped
 from nhpocp.controls.basis import ControlBasis
 from nhpocp.flow.integrators import Flow, Integrator
 from nhpocp.flow.variational import VariationalEquations
@@ -31,6 +31,9 @@ class EndPoint:
     path: Array
     stops: tuple[int, ...]  # rows of the path
     jacobians: Array
+    variations: Array | None = (
+        None  # the Jacobians of the whole path, (k, dimension, inputs · size), if asked for
+    )
 
     @property
     def state(self) -> Array:
@@ -54,7 +57,7 @@ class EndPointMap(Protocol):
 class EndPointMapFactory(Protocol):
     """`DifferentiatedEndPointMap` or `VariationalEndPointMap`: two ways to the same Jacobian.
 
-    shares: of the horizon, where Jacobians are wanted besides the end.
+    shares: of the horizon, where Jacobians are wanted besides the end; along: of the whole path as well.
     """
 
     def __call__(
@@ -65,6 +68,7 @@ class EndPointMapFactory(Protocol):
         start: Array,
         integrator: Integrator,
         shares: Sequence[float] = (),
+        along: bool = False,
     ) -> EndPointMap: ...
 
 
@@ -79,6 +83,7 @@ class DifferentiatedEndPointMap:
         start: Array,
         integrator: Integrator,
         shares: Sequence[float] = (),
+        along: bool = False,
     ) -> None:
         functions = numeric_system(system)
         times = grid_through(integrator.grid(basis, horizon), shares, horizon)
@@ -86,15 +91,25 @@ class DifferentiatedEndPointMap:
             functions.rate_function, basis, horizon, times, functions.linearised_function
         )
         self._start, self.times, self._space = start, self._flow.times, system.state_space
-        self._stops = stops_of(self.times, shares, horizon)
+        self._stops, self._along = stops_of(self.times, shares, horizon), along
 
     def __call__(self, coefficients: Array) -> EndPoint:
+        if self._along:
+            return self._whole(coefficients)
         path, derivatives = self._flow.sensitivity(self._start, coefficients, self._stops)
         lower = _lower(self._space)
         jacobians = [
             call(lower, path[i])[0].T @ rows for i, rows in zip(self._stops, derivatives, strict=True)
         ]
         return EndPoint(path, self._stops, np.stack(jacobians))
+
+    def _whole(self, coefficients: Array) -> EndPoint:
+        path, derivatives = self._flow.sensitivity(self._start, coefficients, range(1, len(self.times)))
+        (lower,) = call(mapped(_lower(self._space), len(derivatives)), path[1:])
+        lower = lower.reshape(len(derivatives), self._space.size, -1).swapaxes(1, 2)
+        moved = lower @ derivatives
+        variations = np.concatenate([np.zeros((1, *moved.shape[1:])), moved])
+        return EndPoint(path, self._stops, variations[list(self._stops)], variations)
 
 
 class VariationalEndPointMap:
@@ -108,15 +123,16 @@ class VariationalEndPointMap:
         start: Array,
         integrator: Integrator,
         shares: Sequence[float] = (),
+        along: bool = False,
     ) -> None:
         times = grid_through(integrator.grid(basis, horizon), shares, horizon)
         self._equations = VariationalEquations(system, basis, horizon, integrator, times)
         self._start, self.times = start, self._equations.flow.times
-        self._stops = stops_of(self.times, shares, horizon)
+        self._stops, self._along = stops_of(self.times, shares, horizon), along
 
     def __call__(self, coefficients: Array) -> EndPoint:
         path, jacobians, _ = self._equations.states(self._start, coefficients)
-        return EndPoint(path, self._stops, jacobians[list(self._stops)])
+        return EndPoint(path, self._stops, jacobians[list(self._stops)], jacobians if self._along else None)
 
     def gram(self, coefficients: Array) -> Array:
         """D of [Paper] eq. (14), dimension × dimension."""

@@ -43,6 +43,7 @@ AVAILABLE: dict[str, dict[str, str]] = {
         "moore_penrose": "nhpocp.solvers.generalized_inverses:MoorePenrose",
         "damped": "nhpocp.solvers.generalized_inverses:Damped",
         "transpose": "nhpocp.solvers.generalized_inverses:Transpose",
+        "lagrangian": "nhpocp.solvers.generalized_inverses:Lagrangian",
     },
     "solvers.jacobian.metric": {
         "coefficients": "nhpocp.solvers.generalized_inverses:CoefficientMetric",
@@ -71,10 +72,6 @@ AVAILABLE: dict[str, dict[str, str]] = {
         "straight": "nhpocp.solvers.guesses:StraightGuess",
     },
 }
-# key -> the values that this version can honour
-HONOURED: dict[str, Sequence[Any]] = {
-    "solvers.jacobian.starts": (1,),
-}
 
 
 def load_problem(path: str | FilePath, overrides: Sequence[str] = ()) -> PlanningProblem:
@@ -92,12 +89,11 @@ def parse_problem(text: str, file: str | None = None, overrides: Sequence[str] =
 
 def build(file: ProblemFile) -> PlanningProblem:
     """The problem of a validated file."""
-    from nhpocp.problem import Horizon, PlanningProblem
+    from nhpocp.problem import Horizon, PlanningProblem, Via
 
     data, system = file.data, file.system
     horizon = data.horizon
     try:
-        _check_via(data)
         return PlanningProblem(
             system=system,
             start=plain_state(data.start),
@@ -113,6 +109,7 @@ def build(file: ProblemFile) -> PlanningProblem:
             objective=data.objective,
             error_length=data.error_length,
             length_scale=data.length_scale,
+            via=[Via(via.at, plain_state(via.values)) for via in data.via],
             bounds=build_bounds(data, system),
             solvers=_build_solvers(data),
             samples=data.output.samples,
@@ -122,11 +119,6 @@ def build(file: ProblemFile) -> PlanningProblem:
         )
     except InvalidProblemError as error:
         raise file.located(error) from None
-
-
-def _check_via(data: ProblemData) -> None:
-    if data.via:
-        raise InvalidProblemError("via points are not available in this version; remove them", path="via")
 
 
 def _available(key: str, name: str) -> Callable[..., Any]:
@@ -204,10 +196,6 @@ def _validated(name: str, model: type[Any], data: Any) -> Any:
 def _build_jacobian(data: JacobianSettings, _: Any) -> Any:
     from nhpocp.solvers.continuation import Continuation
 
-    for key, honoured in HONOURED.items():
-        value = getattr(data, key.rpartition(".")[2])
-        if value not in honoured:
-            raise InvalidProblemError(_not_available(key, value, honoured), path=key)
     integrator = _available("solvers.jacobian.integrator", data.integrator)
     rule = _available("solvers.jacobian.step_rule", data.step_rule)
     solver = Continuation(
@@ -221,11 +209,15 @@ def _build_jacobian(data: JacobianSettings, _: Any) -> Any:
         objective=data.objective,
         seed=data.seed,
     )
-    if data.step_rule != "auto":
-        return solver
-    from nhpocp.solvers.strategies import Auto
+    if data.step_rule == "auto":
+        from nhpocp.solvers.strategies import Auto
 
-    return Auto(solver)
+        return Auto(solver, restarts=max(Auto.restarts, data.starts - 1))
+    if data.starts > 1:
+        from nhpocp.solvers.multi_start import MultiStart
+
+        return MultiStart(solver, data.starts)
+    return solver
 
 
 def _build_nlp(data: NlpSettings, jacobian: Any) -> Any:

@@ -99,7 +99,8 @@ def _without_none(data: dict[str, Any]) -> dict[str, Any]:
 def _state(problem: PlanningProblem, values: Any) -> dict[str, Any]:
     import numpy as np
 
-    kinds = {block.name: block.kind for block in problem.system.state_space.blocks}
+    system = problem.system
+    kinds = {block.name: block.kind for block in [*system.state_space.blocks, *system.pose_outputs]}
     plain = {name: np.asarray(value, dtype=float).tolist() for name, value in values.items()}
     return {name: {"matrix": value} if kinds[name] == "rotation" else value for name, value in plain.items()}
 

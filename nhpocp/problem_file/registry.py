@@ -6,7 +6,7 @@ Classes are imported when they are asked for, and import neither CasADi nor NumP
 from __future__ import annotations
 
 import importlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Literal, cast
 
 from pydantic import Field, ValidationError, create_model
@@ -16,7 +16,7 @@ from nhpocp.problem_file.issues import Issue, Refusal, suggestion
 from nhpocp.problem_file.messages import translate
 from nhpocp.problem_file.numbers import Number, Positive, Whole, describe
 from nhpocp.problem_file.states import Strict, Vector3
-from nhpocp.state_space import StateSpace
+from nhpocp.state_space import Block
 from nhpocp.systems.system import Parameter, System
 
 SYSTEMS: dict[str, str] = {
@@ -26,7 +26,7 @@ SYSTEMS: dict[str, str] = {
 # Names that `constraints.state` may bound besides the state's own blocks. A model that is not listed is asked when the
 # problem is built, for its outputs are CasADi expressions.
 OUTPUTS: dict[str, tuple[str, ...]] = {
-    "three_upu": ("u", "v", "leg_lengths", "joint_angles"),
+    "three_upu": ("u", "v", "leg_lengths", "joint_angles", "platform_normal"),
 }
 
 
@@ -128,11 +128,11 @@ def _build(model: str, block: Mapping[str, Any]) -> System:
         raise Refusal([Issue((place,) if place else (), error.message)]) from None
 
 
-def describe_space(space: StateSpace) -> list[dict[str, Any]]:
+def describe_space(blocks: Sequence[Block]) -> list[dict[str, Any]]:
     """Blocks as plain data."""
     return [
         {"name": block.name, "kind": block.kind, "shape": list(block.shape), "unit": block.unit}
-        for block in space.blocks
+        for block in blocks
     ]
 
 
@@ -153,7 +153,8 @@ def systems() -> dict[str, dict[str, Any]]:
             "defaults": {name: parameter.default for name, parameter in cls.declared.items()},
             "meanings": {name: parameter.meaning for name, parameter in cls.declared.items()},
             "presets": {name: dict(values) for name, values in cls.presets.items()},
-            "states": describe_space(instance.state_space),
-            "inputs": describe_space(instance.input_space),
+            "states": describe_space(instance.state_space.blocks),
+            "inputs": describe_space(instance.input_space.blocks),
+            "pose_outputs": describe_space(instance.pose_outputs),
         }
     return found

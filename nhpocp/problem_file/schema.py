@@ -31,11 +31,12 @@ from nhpocp.problem_file.numbers import (
     parse_number,
 )
 from nhpocp.problem_file.settings import Solvers, absent
-from nhpocp.problem_file.states import State, StateValue, Strict, check_state
+from nhpocp.problem_file.states import State, StateValue, Strict, check_goal, check_state
 from nhpocp.state_space import StateSpace
 from nhpocp.systems.system import System
 
 VERSION = 1
+SAME_TIME = 1e-6  # share of the horizon, as in `problem`
 
 
 @dataclass(frozen=True)
@@ -120,7 +121,7 @@ class ViaData(Strict):
 
     @property
     def values(self) -> State:
-        """The state's blocks given here."""
+        """The state's blocks and the outputs given here."""
         return dict(self.__pydantic_extra__ or {})
 
 
@@ -163,7 +164,9 @@ class ProblemData(Strict):
     name: Name | None = Field(default=None, description="default: the file's stem")
     system: dict[str, Any] = Field(description="the model and its parameters")
     start: State = Field(description="a value for every block of the state")
-    goal: State = Field(description="a value for every block that matters; a block left out is free")
+    goal: State = Field(
+        description="a value for every block that matters, or for an output of the pose; what is left out is free"
+    )
     horizon: HorizonData = Field(
         default=1.0, description="the duration T, or {min, max, initial} where the NLP may choose"
     )
@@ -196,12 +199,17 @@ class ProblemData(Strict):
         default_factory=lambda: Reference(), description="known results, read by tests and benchmarks"
     )
 
-    @field_validator("start", "goal")
+    @field_validator("start")
     @classmethod
-    def _fits_the_system(cls, value: State, info: ValidationInfo) -> State:
-        if info.context and (
-            issues := check_state(info.context.state_space, value, complete=info.field_name == "start")
-        ):
+    def _start_fits(cls, value: State, info: ValidationInfo) -> State:
+        if info.context and (issues := check_state(info.context.state_space, value)):
+            raise Refusal(issues)
+        return value
+
+    @field_validator("goal")
+    @classmethod
+    def _goal_fits(cls, value: State, info: ValidationInfo) -> State:
+        if info.context and (issues := check_goal(info.context.system, value)):
             raise Refusal(issues)
         return value
 
@@ -212,8 +220,11 @@ class ProblemData(Strict):
             issue.under((i,))
             for i, via in enumerate(value)
             if info.context
-            for issue in check_state(info.context.state_space, via.values, complete=False)
+            for issue in check_goal(info.context.system, via.values)
         ]
+        for i, via in enumerate(value):
+            if any(abs(via.at - other.at) < SAME_TIME for other in value[:i]):
+                issues.append(Issue((i, "at"), f"another via pose is at {via.at:g} already"))
         if issues:
             raise Refusal(issues)
         return value

@@ -5,6 +5,7 @@ Plain Python, no NumPy: `nhpocp check` has to answer before NumPy would have bee
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from math import cos, hypot, sin, sqrt
 from typing import Annotated, Any, cast
 
@@ -13,6 +14,7 @@ from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_val
 from nhpocp.problem_file.issues import Issue, Refusal, unknown_key
 from nhpocp.problem_file.numbers import Number, describe
 from nhpocp.state_space import Block, StateSpace
+from nhpocp.systems.system import System
 
 GROUP_TOLERANCE = 1e-6  # how far a matrix or quaternion may be from SO(3)
 
@@ -161,43 +163,65 @@ StateValue = Annotated[
 State = dict[str, StateValue]
 
 
-def check_state(space: StateSpace, values: State, complete: bool) -> list[Issue]:
+def check_state(space: StateSpace, values: State) -> list[Issue]:
     """What does not fit the system's state: unknown, missing or misshapen blocks."""
-    issues = [
-        Issue((name,), unknown_key(name, space.names), at_key=True)
-        for name in values
-        if name not in space.names
+    issues = list(_misfits(space.blocks, values))
+    if any(issue.at_key for issue in issues):
+        return issues  # a name misspelt is one that is missing too
+    missing = [
+        Issue((block.name,), f"required key is missing; expected {expected(block)}")
+        for block in space.blocks
+        if block.name not in values
     ]
-    if not values and not complete:
-        wanted = ", ".join(f"{block.name}: {expected(block)}" for block in space.blocks)
-        issues.append(Issue((), f"empty; expected some of {wanted}"))
-    if complete and not issues:
-        issues += [
-            Issue((block.name,), f"required key is missing; expected {expected(block)}")
-            for block in space.blocks
-            if block.name not in values
-        ]
-    for block in space.blocks:
+    return missing + issues
+
+
+def check_goal(system: System, values: State) -> list[Issue]:
+    """What does not fit a goal or via pose: some of the state's blocks, or outputs that depend on the pose alone."""
+    blocks = [*system.state_space.blocks, *system.pose_outputs]
+    if not values:
+        wanted = ", ".join(f"{block.name}: {expected(block)}" for block in blocks)
+        return [Issue((), f"empty; expected some of {wanted}")]
+    if issues := list(_misfits(blocks, values)):
+        return issues
+    count, room = sum(b.dimension for b in blocks if b.name in values), system.state_space.dimension
+    if count > room:
+        named = ", ".join(values)
+        return [Issue((), f"fixes {count} numbers of a state that has {room}; leave out one of {named}")]
+    return []
+
+
+def _misfits(blocks: Sequence[Block], values: State) -> Iterator[Issue]:
+    names = [block.name for block in blocks]
+    for name in values:
+        if name not in names:
+            yield Issue((name,), unknown_key(name, names), at_key=True)
+    for block in blocks:
         if block.name in values and (fault := misfit(block, values[block.name])):
-            issues.append(Issue((block.name,), fault))
-    return issues
+            yield Issue((block.name,), fault)
 
 
 def expected(block: Block) -> str:
     """How a block's value is written."""
     if block.kind == "rotation":
         return "{rpy: [roll, pitch, yaw]}"
+    if block.kind == "direction":
+        return "[x, y, z]"
     return "number" if block.kind == "scalar" else f"[{block.components} numbers]"
 
 
 def misfit(block: Block, value: StateValue) -> str | None:
     """What is wrong with a value for this block, if anything is."""
-    kind = {"rotation": "<rotation>", "scalar": "<number>", "vector": "<vector>"}[block.kind]
+    kind = {"rotation": "<rotation>", "scalar": "<number>"}.get(block.kind, "<vector>")
     if _kind(value) != kind:
         came = "a rotation" if isinstance(value, Rotation) else describe(value)
         return f"expected {expected(block)}, got {came}"
-    if block.kind == "vector" and len(cast("list[float]", value)) != block.components:
-        return f"{len(cast('list[float]', value))} numbers; expected {block.components}"
+    if kind == "<vector>":
+        numbers = cast("list[float]", value)
+        if len(numbers) != block.components:
+            return f"{len(numbers)} numbers; expected {block.components}"
+        if block.kind == "direction" and hypot(*numbers) < 1e-9:
+            return "the zero vector; expected a direction"
     return None
 
 

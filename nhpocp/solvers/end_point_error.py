@@ -9,6 +9,7 @@ import numpy as np
 from nhpocp.arrays import Array
 from nhpocp.flow.end_point_map import EndPoint
 from nhpocp.problem import PlanningProblem
+from nhpocp.task import total_error
 
 
 class EndPointError:
@@ -33,9 +34,9 @@ class EndPointError:
     @property
     def jacobian(self) -> Array:
         pairs = zip(self._met, self._jacobians, strict=True)
-        return np.vstack([task.jacobian(rows) for (task, _), rows in pairs])
+        return np.vstack([task.jacobian(point, rows) for (task, point), rows in pairs])
 
     @property
     def norm(self) -> float:
         """E(θ), [Paper] section 4."""
-        return float(np.linalg.norm([task.error(point) for task, point in self._met]))
+        return total_error(*zip(*self._met, strict=True))

@@ -11,7 +11,7 @@ from nhpocp.flow.end_point_map import EndPoint, EndPointMap
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Outcome
 from nhpocp.solvers.end_point_error import EndPointError
-from nhpocp.solvers.generalized_inverses import Direction, GeneralizedInverse
+from nhpocp.solvers.generalized_inverses import Direction, GeneralizedInverse, LinearisedPath
 from nhpocp.systems.numeric import numeric_system
 
 SINGULAR = {"s": Outcome.SINGULAR_S, "w": Outcome.SINGULAR_W}  # by the name of the regularity matrix
@@ -67,10 +67,21 @@ class Evaluator:
             sentence = f"the orientation error is {residual.half_turn:.9f} rad, a half turn"
             trouble = Trouble(Outcome.ORIENTATION_AT_PI, sentence)
             return Evaluation(coefficients, end, np.inf, least, failure=trouble)
-        direction = self.inverse(residual.jacobian, residual.vector, self.factor)
+        direction = self.inverse(residual.jacobian, residual.vector, self._metric(end))
         return Evaluation(
             coefficients, end, residual.norm, least, residual.vector, direction, crossing=crossing
         )
+
+    def _metric(self, end: EndPoint) -> Array:
+        """The factor in which δλ is measured here."""
+        if end.variations is None:
+            return self.factor
+        problem, space = self.problem, self.problem.system.state_space
+        scales = np.array([problem.scale if unit == "length" else 1.0 for unit in space.tangent_units])
+        variations = end.variations / scales[:, None]
+        inputs = problem.system.input_space.size
+        own = self.inverse.metric(LinearisedPath(self.map.times, variations, problem.basis, inputs))
+        return self.factor if own is None else own
 
     def _margins(self, path: Array) -> dict[str, Array]:
         """σ and det of every regularity matrix along the finite part of the path."""

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
 from nhpocp.arrays import Array
 from nhpocp.controls.basis import ControlBasis
+from nhpocp.errors import InvalidProblemError
 
 
 class Metric(Protocol):
@@ -43,6 +44,78 @@ class L2Metric:
 
 
 @dataclass(frozen=True)
+class WeightedMetric:
+    """∫ uᵀ R u dt. weights: R, or its diagonal, one weight per input."""
+
+    weights: Any
+    kind: ClassVar[str] = "weighted"
+
+    def factor(self, basis: ControlBasis, inputs: int, horizon: float) -> Array:
+        root = weight_root(self.weights, inputs, definite=True).T
+        return np.kron(root, np.linalg.cholesky(basis.gram(horizon)))
+
+
+def weight_root(weights: Any, size: int, *, definite: bool) -> Array:
+    """A matrix C with CᵀC = W, for W given as a number, as a diagonal or as itself.
+
+    Errors: `InvalidProblemError` where W is of another shape, or is not positive (semi)definite.
+    """
+    W = np.asarray(weights, dtype=float)
+    if W.ndim < 2 and W.size in (1, size):
+        W = np.diag(np.broadcast_to(W, (size,)))
+    if W.shape != (size, size) or not np.allclose(W, W.T):
+        raise InvalidProblemError(
+            f"weights of shape {W.shape}; expected a number, {size} numbers, or a symmetric {size} × {size} matrix"
+        )
+    values, vectors = np.linalg.eigh(W)
+    if not values[0] >= 0 or (definite and values[0] == 0):
+        kind = "definite" if definite else "semidefinite"
+        raise InvalidProblemError(
+            f"weights with the eigenvalue {values[0]:g}; expected a positive {kind} matrix"
+        )
+    return np.sqrt(values)[:, None] * vectors.T
+
+
+@dataclass(frozen=True)
+class LinearisedPath:
+    """The system linearised along one path: ξ(t) = M(t) δλ, w(t) = P(t) δλ."""
+
+    times: Array
+    variations: Array  # M at the times, (k, dimension, inputs · size); lengths divided by the mechanism's own
+    basis: ControlBasis
+    inputs: int
+
+
+@dataclass(frozen=True)
+class Spectrum:
+    """The singular value decomposition of J in the metric's orthonormal coordinates L^T λ, and e in its basis."""
+
+    left: Array
+    values: Array
+    right: Array
+    factor: Array
+    error: Array
+
+    def within(self, radius: float) -> tuple[Array, Array]:
+        """-J^T (J J^T + μ)⁻¹ e and its image, with the μ that makes its length in the metric the radius, or 0.
+
+        The trust-region subproblem of least squares, solved by Newton's method on 1/length [Moré, Sorensen 1983].
+        """
+        damping, used = 0.0, self.values > 1e-14 * self.values[0]
+        values, error = self.values[used], self.error[used]
+        inner = values * error / values**2
+        for _ in range(30):
+            squared = float(inner @ inner)
+            excess = squared**0.5 / radius - 1.0
+            if excess <= 1e-3:
+                break
+            damping += excess * squared / float(inner @ (inner / (values**2 + damping)))
+            inner = values * error / (values**2 + damping)
+        step = np.linalg.solve(self.factor.T, -self.right[used].T @ inner)
+        return step, -self.left[:, used] @ (values * inner)
+
+
+@dataclass(frozen=True)
 class Direction:
     """The full step δλ and what was seen of the Jacobian on the way."""
 
@@ -50,21 +123,36 @@ class Direction:
     image: Array  # J δλ, what the step promises to add to e
     rank: int
     singular_values: Array
-    blocked: bool = (
-        False  # the error cannot be reduced from here in every direction, and the inverse needs that
-    )
+    # whether the error cannot be reduced from here in every direction, and the inverse needs that
+    blocked: bool = False
+    spectrum: Spectrum | None = None
+
+    def within(self, radius: float) -> tuple[Array, Array]:
+        """A step no longer than the radius, and its image: of all such the one that reduces |e + J δλ| most.
+
+        Without a spectrum the full step is shortened, which an ill-conditioned Jacobian turns into next to nothing.
+        """
+        if self.spectrum is not None:
+            return self.spectrum.within(radius)
+        share = min(1.0, radius / max(float(np.linalg.norm(self.step)), 1e-300))
+        return share * self.step, share * self.image
 
 
 class GeneralizedInverse(Protocol):
-    """J, e ↦ δλ with J δλ ≈ -e."""
+    """J, e ↦ δλ with J δλ ≈ -e. Subclass it: most inverses take the metric that is given."""
 
     kind: ClassVar[str]
+    looks_along: ClassVar[bool] = False  # whether `metric` is asked
+
+    def metric(self, path: LinearisedPath) -> Array | None:
+        """The factor, as of a `Metric`, of an inverse that measures δλ by what it does to the whole path; else None."""
+        return None
 
     def __call__(self, jacobian: Array, error: Array, factor: Array) -> Direction: ...
 
 
 @dataclass(frozen=True)
-class MoorePenrose:
+class MoorePenrose(GeneralizedInverse):
     """The shortest δλ (in the metric) that solves J δλ = -e, by the SVD; [Paper] eq. (16).
 
     Singular values below ``rank_tolerance`` times the largest count as zero: 1e-8 is above the noise of a Jacobian from
@@ -79,11 +167,12 @@ class MoorePenrose:
         rank = rank_of(values, self.rank_tolerance)
         inner = -right[:rank].T @ ((left[:, :rank].T @ error) / values[:rank])
         step = np.linalg.solve(factor.T, inner)
-        return Direction(step, jacobian @ step, rank, values, blocked=rank < len(error))
+        spectrum = Spectrum(left, values, right, factor, left.T @ error)
+        return Direction(step, jacobian @ step, rank, values, rank < len(error), spectrum)
 
 
 @dataclass(frozen=True)
-class Damped:
+class Damped(GeneralizedInverse):
     """δλ = -Jᵀ (J Jᵀ + μ² I)⁻¹ e, singularity-robust: μ = ``most`` (1 - σ_min/threshold) below the threshold, else 0.
 
     [Nakamura, Hanafusa 1986]. The threshold is a share of the largest singular value.
@@ -104,7 +193,7 @@ class Damped:
 
 
 @dataclass(frozen=True)
-class Transpose:
+class Transpose(GeneralizedInverse):
     """δλ = -α Jᵀ e, with the α that reduces |e + J δλ| most: steepest descent, no inverse at all."""
 
     kind: ClassVar[str] = "transpose"
@@ -116,6 +205,40 @@ class Transpose:
         squared = float(image @ image)
         alpha = float(error @ image) / squared if squared > 0 else 0.0
         return Direction(-alpha * gradient, -alpha * image, rank_of(values, 1e-8), values)
+
+
+@dataclass(frozen=True)
+class Lagrangian(GeneralizedInverse):
+    r"""The δλ that solves J δλ = -e and changes path and control least: of all such the minimiser of
+
+        ∫₀ᵀ ξᵀ Q ξ + wᵀ R w dt,    ξ̇ = A ξ + B w,  ξ(0) = 0,
+
+    a Lagrange problem for the linearised system, [Tchoń, Ratajczak, Góral 2015]. Over a finite basis ξ = M(t) δλ by
+    (11)-(12) and w = P(t) δλ, so that it is the pseudo-inverse in the metric ∫ Mᵀ Q M + Pᵀ R P dt, which moves along
+    with the path; the solver's own metric does not enter. Q = 0 leaves the L² metric weighted by R.
+
+    state_weight: Q over the tangent numbers [1/time], lengths divided by the problem's scale; control_weight: R over
+    the inputs. A number, a diagonal or a matrix each.
+    """
+
+    state_weight: Any = 1.0
+    control_weight: Any = 1.0
+    rank_tolerance: float = 1e-8
+    kind: ClassVar[str] = "lagrangian"
+    looks_along: ClassVar[bool] = True
+
+    def metric(self, path: LinearisedPath) -> Array:
+        steps = np.diff(path.times)
+        shares = 0.5 * (np.append(steps, 0.0) + np.append(0.0, steps))  # trapezoidal
+        M, horizon = path.variations, float(path.times[-1])
+        of_states = weight_root(self.state_weight, M.shape[1], definite=False) @ M
+        of_states = (np.sqrt(shares)[:, None, None] * of_states).reshape(-1, M.shape[2])
+        of_controls = WeightedMetric(self.control_weight).factor(path.basis, path.inputs, horizon).T
+        # the sum of squares as one triangle, never squared: M may be large beside P
+        return np.asarray(np.linalg.qr(np.vstack([of_states, of_controls]), mode="r")).T
+
+    def __call__(self, jacobian: Array, error: Array, factor: Array) -> Direction:
+        return MoorePenrose(self.rank_tolerance)(jacobian, error, factor)
 
 
 def scaled_svd(jacobian: Array, factor: Array) -> tuple[Array, Array, Array]:

@@ -19,6 +19,7 @@ from nhpocp.problem import Horizon, PlanningProblem
 from nhpocp.solution import Outcome, Solver
 from nhpocp.solvers.initial_control import NoStartError, seeded_coefficients
 from nhpocp.solvers.transcription import Guess
+from nhpocp.state_space import StateSpace
 from nhpocp.systems.numeric import numeric_system
 
 STEPS_PER_INTERVAL = 4
@@ -87,11 +88,31 @@ def follow(
     steps: int,
 ) -> Array:
     """States (intervals + 1, size) at the nodes under a control, by RK4 with ``steps`` per interval."""
-    times = np.linspace(0.0, control.horizon, intervals * steps + 1)
-    flow = RungeKutta4().flow(
-        numeric_system(problem.system).rate_function, control.basis, control.horizon, times
-    )
-    return flow.states(problem.start_point, control.coefficients)[::steps]
+    return _walk(problem, control, intervals * steps)[1][::steps]
+
+
+def meets(problem: PlanningProblem, control: Control, intervals: int, steps: int) -> Array:
+    """States (tasks, size) at the times of the problem's tasks, on the same path, the last step to one cut short."""
+    times, states = _walk(problem, control, intervals * steps)
+    rate, points = numeric_system(problem.system).rate_function, []
+    for task in problem.tasks:
+        time = task.share * control.horizon
+        before = int(np.searchsorted(times, time + 1e-9 * control.horizon)) - 1
+        point = states[before]
+        if time - times[before] > 1e-9 * control.horizon:
+            last = np.array([times[before], time])
+            flow = RungeKutta4().flow(rate, control.basis, control.horizon, last)
+            point = flow.end(point, control.coefficients)
+        points.append(point)
+    return np.array(points)
+
+
+def _walk(problem: PlanningProblem, control: Control, steps: int) -> tuple[Array, Array]:
+    """Times and states of one path by RK4 with equal steps."""
+    times = np.linspace(0.0, control.horizon, steps + 1)
+    rate = numeric_system(problem.system).rate_function
+    flow = RungeKutta4().flow(rate, control.basis, control.horizon, times)
+    return times, flow.states(problem.start_point, control.coefficients)
 
 
 def held(problem: PlanningProblem, horizon: float) -> PlanningProblem:
@@ -109,7 +130,12 @@ class ProblemGuess:
         if problem.initial is not None and not seed:
             return Control(problem.basis, problem.initial, horizon)
         end_point_map = DifferentiatedEndPointMap(
-            problem.system, problem.basis, horizon, problem.start_point, RungeKutta4()
+            problem.system,
+            problem.basis,
+            horizon,
+            problem.start_point,
+            RungeKutta4(),
+            [task.share for task in problem.tasks[:-1]],
         )
         try:
             coefficients = seeded_coefficients(held(problem, horizon), end_point_map, seed)
@@ -139,25 +165,24 @@ class SolverGuess:
 
 @dataclass(frozen=True)
 class StraightGuess:
-    """The geodesic from start to goal at constant speed, with the control that comes nearest to following it."""
+    """Geodesics from start to goal through the via poses, with the control that comes nearest to following them.
+
+    Between two of them each at constant speed. A block that one leaves free passes it on its way to the next that does
+    not, and stays where it is where there is none.
+    """
 
     pieces: int = 50
     kind: ClassVar[str] = "straight"
 
     def control(self, problem: PlanningProblem, horizon: float, seed: int) -> Control:
         system, space = problem.system, problem.system.state_space
-        try:
-            tangent = space.difference(problem.goal_point, problem.start_point)
-        except OrientationAtPiError as error:
-            raise NoGuessError(
-                "the goal is half a turn from the start, so no straight line leads there; use "
-                "solvers.nlp.initial: problem",
-                Outcome.ORIENTATION_AT_PI,
-                "solvers.nlp.initial",
-            ) from error
+        shares, points = waypoints(problem)
         controls = []
         for share in (np.arange(self.pieces) + 0.5) / self.pieces:
-            state = np.asarray(space.retract(problem.start_point, share * tangent))
+            leg = int(np.searchsorted(shares, share)) - 1
+            span = shares[leg + 1] - shares[leg]
+            tangent = np.asarray(_geodesic(space, points[leg + 1], points[leg]))
+            state = np.asarray(space.retract(points[leg], (share - shares[leg]) / span * tangent))
             fields = np.asarray(system.vector_fields(state))
             if not np.isfinite(fields).all():
                 raise NoGuessError(
@@ -165,5 +190,49 @@ class StraightGuess:
                     Outcome.NOT_FINITE,
                     "solvers.nlp.initial",
                 )
-            controls.append(np.linalg.lstsq(fields, tangent / horizon, rcond=None)[0])
+            controls.append(np.linalg.lstsq(fields, tangent / (span * horizon), rcond=None)[0])
         return Control(PiecewiseConstant(self.pieces), np.array(controls).T, horizon)
+
+
+def waypoints(problem: PlanningProblem) -> tuple[Array, Array]:
+    """Shares of the horizon (k,) and poses (k, size): the start, the via poses, the goal, free blocks filled in.
+
+    Errors: `NoGuessError` where a task fixes an output, from which no pose follows, or lies half a turn ahead.
+    """
+    space, tasks = problem.system.state_space, problem.tasks
+    named = [output.name for task in tasks for output in task.outputs]
+    if named:
+        raise NoGuessError(
+            f"{named[0]} is an output, which gives no pose to go straight to; use solvers.nlp.initial: problem",
+            Outcome.INFEASIBLE,
+            "solvers.nlp.initial",
+        )
+    shares = np.array([0.0, *(task.share for task in tasks)])
+    columns = {}
+    for block in space.blocks:
+        alone = StateSpace([block])
+        wanted = [problem.start[block.name], *(task.values.get(block.name) for task in tasks)]
+        fixed = [i for i, value in enumerate(wanted) if value is not None]
+        values = [np.asarray(alone.pack({block.name: problem.start[block.name]}))]
+        for i in range(1, len(shares)):
+            later = [j for j in fixed if j >= i]
+            if not later:
+                values.append(values[-1])
+                continue
+            target = np.asarray(alone.pack({block.name: wanted[later[0]]}))
+            part = (shares[i] - shares[i - 1]) / (shares[later[0]] - shares[i - 1])
+            values.append(np.asarray(alone.retract(values[-1], part * _geodesic(alone, target, values[-1]))))
+        columns[block.name] = np.array(values)
+    return shares, np.hstack([columns[name] for name in space.names])
+
+
+def _geodesic(space: StateSpace, point: Array, origin: Array) -> Array:
+    try:
+        return np.asarray(space.difference(point, origin))
+    except OrientationAtPiError as error:
+        raise NoGuessError(
+            "the goal is half a turn from the start, so no straight line leads there; use "
+            "solvers.nlp.initial: problem",
+            Outcome.ORIENTATION_AT_PI,
+            "solvers.nlp.initial",
+        ) from error

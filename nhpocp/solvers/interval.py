@@ -8,11 +8,14 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from nhpocp.arrays import Array
 from nhpocp.constraints import Bound, bound_rows
 from nhpocp.controls.basis import ControlBasis
 from nhpocp.objectives import INTEGRANDS
 from nhpocp.problem import PlanningProblem
+from nhpocp.solvers.meeting import Meeting, basis_table, stage_times
 from nhpocp.systems.numeric import numeric_system
+from nhpocp.task import Task
 
 
 class Interval:
@@ -37,7 +40,7 @@ class Interval:
         w = ca.SX.sym("w", self.nodes + self.controls)
         here, there = ca.SX.sym("here", space.size), ca.SX.sym("there", space.size)
         tables = ca.SX.sym("phi", basis.size if basis else 0, 2 * steps + 1)
-        horizon = w[self.nodes - 1] if self.free_horizon else problem.horizon.fixed
+        horizon = self._horizon(w)
         controls, self._rate = self._stage_controls(w, tables), numeric_system(system).rate_function
         state = space.chart(self.scales * w[:d], here)
         points, cost = [(0.0, state, controls[0])], 0.0
@@ -58,13 +61,53 @@ class Interval:
         parameters = ca.vertcat(here, there, ca.vec(tables))
         self._make_functions(w, parameters, outputs, self._cost(w, controls, horizon, cost))
 
+    def _horizon(self, w: ca.SX) -> Any:
+        return w[self.nodes - 1] if self.free_horizon else self.problem.horizon.fixed
+
+    def meeting(self, task: Task, stage: int, offset: float, reference: Array) -> Meeting:
+        """A task's equations at a place inside interval ``stage``, reached by the interval's own steps.
+
+        The last of them is cut short where the place lies within it.
+        """
+        space, size = self.problem.system.state_space, self.basis.size if self.basis else 0
+        w, here = ca.SX.sym("w", self.nodes + self.controls), ca.SX.sym("here", space.size)
+        shares = stage_times(offset, self.steps)
+        tables = ca.SX.sym("phi", size, len(shares))
+        controls, horizon = self._stage_controls(w, tables), self._horizon(w)
+        state = space.chart(self.scales * w[: self.dimension], here)
+        for j in range(0, len(shares) - 1, 2):
+            h = (shares[j + 2] - shares[j]) * horizon / self.intervals
+            state, _ = self._step(state, h, controls[j : j + 3])
+        parameters = [reference]
+        if self.basis:
+            parameters.append(basis_table(self.basis, (stage + shares) / self.intervals).ravel())
+        labels = [*(space.tangent_labels[i] for i in task.rows), *task.output_labels]
+        return Meeting(
+            stage=stage,
+            time=task.share,
+            names=[f"via pose at {task.share:g}: {label}" for label in labels],
+            w=w,
+            p=ca.vertcat(here, ca.vec(tables)),
+            rows=ca.SX(ca.vertcat(*task.equations(state))),
+            parameters=np.concatenate(parameters),
+        )
+
+    def last_meeting(self, task: Task, reference: Array) -> Meeting:
+        """The equations of a task's outputs at the last node."""
+        space = self.problem.system.state_space
+        s, here = ca.SX.sym("s", self.nodes), ca.SX.sym("here", space.size)
+        state = space.chart(self.scales * s[: self.dimension], here)
+        names = [f"goal of {label}" for label in task.output_labels]
+        rows = ca.SX(ca.vertcat(*task.output_equations(state)))
+        return Meeting(self.intervals, task.share, names, s, here, rows, reference)
+
     def _stage_controls(self, w: ca.SX, tables: ca.SX) -> list[ca.SX]:
         if self.basis is None:
-            return [w[self.nodes :]] * (2 * self.steps + 1)
+            return [w[self.nodes :]] * tables.size2()
         inputs = self.problem.system.input_space.size
         first = self.dimension
         coefficients = ca.reshape(w[first : first + inputs * self.basis.size], self.basis.size, inputs).T
-        return [coefficients @ tables[:, j] for j in range(2 * self.steps + 1)]
+        return [coefficients @ tables[:, j] for j in range(tables.size2())]
 
     def _step(self, state: ca.SX, h: Any, u: Sequence[ca.SX]) -> tuple[ca.SX, Any]:
         """One RK4 step, and the objective's share by the same quadrature."""

@@ -22,8 +22,8 @@ from nhpocp.solvers.guesses import (
     GuessMaker,
     NoGuessError,
     ProblemGuess,
-    follow,
     make_guess,
+    meets,
     starting_horizon,
 )
 from nhpocp.solvers.interruption import Interruption
@@ -31,6 +31,7 @@ from nhpocp.solvers.optimizers import Ipopt, Optimizer, Optimum, failed
 from nhpocp.solvers.single_shooting import SingleShooting
 from nhpocp.solvers.transcription import Guess, Transcription
 from nhpocp.systems.numeric import numeric_system
+from nhpocp.task import total_error
 
 MOST_STEPS = 16  # per interval
 RESIMULATION_SHARE = 0.1  # of the tolerance: the integration error that a plan may carry
@@ -204,19 +205,18 @@ class _Run:
             steps *= 2
         return steps
 
-    def _end(self, control: Control, steps: int) -> Array:
-        """Where a control leads with ``steps`` RK4 steps per interval."""
-        return follow(self.problem, control, self.solver.intervals, steps)[-1]
+    def _meets(self, control: Control, steps: int) -> Array:
+        """Where a control leads at the times of the tasks, with ``steps`` RK4 steps per interval."""
+        return meets(self.problem, control, self.solver.intervals, steps)
 
     def _resimulation_gap(self, control: Control, steps: int) -> float:
-        """Distance of the end points with ``steps`` and with ``FINER`` times as many steps per interval."""
-        ends = [self._end(control, n) for n in (steps, FINER * steps)]
-        if not np.isfinite(ends).all():
+        """Distance at the end and the via poses with ``steps`` and with ``FINER`` times as many steps per interval."""
+        coarse, fine = (self._meets(control, n) for n in (steps, FINER * steps))
+        if not (np.isfinite(coarse).all() and np.isfinite(fine).all()):
             return np.inf
         space = self.problem.system.state_space
-        return float(
-            np.linalg.norm(np.array(space.weights(self.problem.error_length)) * space.difference(*ends))
-        )
+        apart = [space.difference(*pair) for pair in zip(coarse, fine, strict=True)]
+        return float(np.linalg.norm(np.array(space.weights(self.problem.error_length)) * np.array(apart)))
 
     def _refine(self, programme: Transcription, optimum: Optimum) -> tuple[Transcription, Optimum]:
         """Doubles the steps of `steps_per_interval: auto` until the re-simulated end agrees with the NLP's."""
@@ -266,7 +266,7 @@ class _Run:
         outcome = optimum.outcome
         if outcome is Outcome.INFEASIBLE and not self._violated(programme, optimum):
             outcome = Outcome.STAGNATED  # restoration gave up next to a feasible point
-        end = self._end(plan.control, programme.steps)
+        met = self._meets(plan.control, programme.steps)
         costates = programme.costates(optimum.x, optimum.multipliers)
         self.details |= {
             "status": optimum.status,
@@ -282,7 +282,7 @@ class _Run:
             tolerance=self.solver.tolerance,
             outcome=outcome,
             message=self._sentence(outcome, programme, optimum),
-            final_error=self.problem.goal_error(end),
+            final_error=total_error(self.problem.tasks, met),
             control=plan.control,
             trajectory=motion.trajectory,
             costs=motion.costs,
@@ -335,6 +335,8 @@ class _Run:
         if not undefined.size:
             return "A derivative is not a number"
         row = programme.rows[int(undefined[0])]
+        if row.name.startswith(("goal of", "via pose")):
+            return f"{row.name} is not a number: the path there is half a turn from it; try another control.initial"
         divided = " or ".join(f"det {name.upper()}" for name in self.problem.system.breaking())
         why = f"; {divided}, by which the equations divide, vanishes near it" if divided else ""
         return f"{row.name} is not a number at share {row.time:.4g} of the horizon{why}"

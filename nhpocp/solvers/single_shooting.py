@@ -29,8 +29,8 @@ class SingleShooting(Transcription):
 
     def _rows(self) -> list[Row]:
         labels, N = self.problem.system.state_space.tangent_labels, self.intervals
-        rows = [row for k in range(N) for row in self._stated(k)]
-        return rows + [Row(f"goal of {labels[i]}", 0.0, 0.0, 1.0) for i in self.terminal]
+        rows = [row for k in range(N) for row in [*self._stated(k), *self._met(k)]]
+        return rows + [Row(f"goal of {labels[i]}", 0.0, 0.0, 1.0) for i in self.terminal] + self._met(N)
 
     @cached_property
     def functions(self) -> dict[str, Any]:
@@ -41,11 +41,14 @@ class SingleShooting(Transcription):
         parameters = self.parameters
         for k in range(N):
             u = x[self.statics + k * interval.controls : self.statics + (k + 1) * interval.controls]
-            share, values = interval.value(ca.vertcat(z, statics, u), parameters[:, k])
+            stage = ca.vertcat(z, statics, u)
+            share, values = interval.value(stage, parameters[:, k])
             cost += share
             z = -values[:d]
             rows.append(values[interval.nodes :])
-        g = ca.vertcat(*rows, z[self.terminal.tolist()])
+            rows += [m.value(stage, m.parameters) for m in self.meetings if m.stage == k]
+        last = [m.value(ca.vertcat(z, statics), m.parameters) for m in self._met_last]
+        g = ca.vertcat(*rows, z[self.terminal.tolist()], *last)
         functions = {"nlp": ca.Function("nlp", [x, p], [cost, g], ["x", "p"], ["f", "g"])}
         return functions | ({"exact": True} if self.size <= EXACT_HESSIAN_UP_TO else {})
 

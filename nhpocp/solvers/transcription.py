@@ -4,7 +4,7 @@ Node k carries local coordinates z_k about a reference pose x̄_k (no redundant 
 and the static variables c (coefficients of a basis, a free horizon), interval k its control u_k. In the order
 s_0, u_0, s_1, u_1, …, s_N with s = (z, c):
     min Σ q_k    s.t.    z_{k+1} = F_k(s_k, u_k),   c_{k+1} = c_k,   rows_k(s_k, u_k) within bounds,
-    z_0 at the start, z_N at the goal.
+    z_0 at the start, z_N at the goal, r(s_k, u_k) = 0 where a via pose or an output of the pose is to be met.
 F_k is RK4 in the packed coordinates between the two charts. Value, Jacobian and Hessian of one interval are SX
 functions mapped over the grid; the sparse matrices are filled from their blocks, which leaves CasADi nothing to colour.
 """
@@ -20,7 +20,6 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from nhpocp import so3
 from nhpocp.arrays import Array
 from nhpocp.constraints import Bound
 from nhpocp.controls.basis import ControlBasis
@@ -28,6 +27,7 @@ from nhpocp.controls.control import Control
 from nhpocp.controls.piecewise_constant import PiecewiseConstant
 from nhpocp.problem import PlanningProblem
 from nhpocp.solvers.interval import Interval
+from nhpocp.solvers.meeting import Meeting, basis_table, place
 
 
 @dataclass(frozen=True)
@@ -68,21 +68,13 @@ class Transcription:
 
     def _references(self, guess: Guess) -> Array:
         """x̄_k: the guess's own poses, but the start's and the goal's exactly."""
-        references = self._on_manifold(np.array(guess.states))
+        references = np.array([self.problem.system.state_space.nearest(state) for state in guess.states])
         references[0] = self.problem.start_point
         space = self.problem.system.state_space
-        for name, value in self.problem.goal.items():
-            references[-1, space.point_slice(name)] = np.ravel(value)
+        for name in space.names:
+            if name in self.problem.goal:
+                references[-1, space.point_slice(name)] = np.ravel(self.problem.goal[name])
         return references
-
-    def _on_manifold(self, states: Array) -> Array:
-        """The states with their rotations made exact; RK4 leaves SO(3) by its error, and charts about it would stay."""
-        space = self.problem.system.state_space
-        for block in space.blocks:
-            if block.kind == "rotation":
-                part = space.point_slice(block.name)
-                states[:, part] = [so3.nearest(rows.reshape(3, 3)).ravel() for rows in states[:, part]]
-        return states
 
     def _shape(self) -> None:
         interval, N = self.interval, self.intervals
@@ -90,7 +82,40 @@ class Transcription:
         self.size = N * self.stage + interval.nodes
         self.outputs = interval.nodes + len(interval.rows)  # per interval: gaps, then rows
         self.terminal = self.problem.tasks[-1].rows
+        added = np.zeros(N, dtype=int)
+        added[0] = interval.dimension  # the start
+        for meeting in self._met_within:
+            added[meeting.stage] += meeting.size
+        # where the rows of every interval begin; the start's and the meetings' stand at its end
+        self.first_rows = self.outputs * np.arange(N) + np.concatenate([[0], np.cumsum(added)[:-1]])
+        self.goal_row = N * self.outputs + int(added.sum())
         self.rows = self._rows()
+
+    @cached_property
+    def meetings(self) -> list[Meeting]:
+        """What the tasks add to single stages, in the order of time: via poses, then the goal's outputs."""
+        *via, goal = self.problem.tasks
+        found = []
+        for task in via:
+            stage, offset = place(task.share, self.intervals)
+            found.append(self.interval.meeting(task, stage, offset, self.references[stage]))
+        return found + ([self.interval.last_meeting(goal, self.references[-1])] if goal.outputs else [])
+
+    @property
+    def _met_within(self) -> list[Meeting]:
+        return [meeting for meeting in self.meetings if meeting.stage < self.intervals]
+
+    @property
+    def _met_last(self) -> list[Meeting]:
+        return [meeting for meeting in self.meetings if meeting.stage == self.intervals]
+
+    def _met(self, stage: int) -> list[Row]:
+        return [
+            Row(name, 0.0, 0.0, meeting.time)
+            for meeting in self.meetings
+            if meeting.stage == stage
+            for name in meeting.names
+        ]
 
     @property
     def _fixed(self) -> set[str]:
@@ -106,15 +131,15 @@ class Transcription:
             shares = np.linspace(0.0, 1.0, 2 * self.steps + 1)
             tables = []
             for low, high in pairwise(edges):
-                times = low + (high - low) * shares
-                table = self.basis.table(times, 1.0)
-                table[-1] = self.basis.table(times[-1:], 1.0, "left")[0]
-                tables.append(table.ravel())
+                tables.append(basis_table(self.basis, low + (high - low) * shares).ravel())
             columns.append(np.array(tables).T)
         return np.vstack(columns)
 
     def _rows(self) -> list[Row]:
-        """Every constraint in order: per interval gaps and rows (the start's after the first), the goal's last."""
+        """Every constraint in order: per interval gaps, rows and what is met in it; the goal's last.
+
+        The start's rows follow the first interval's own.
+        """
         labels, statics = (
             self.problem.system.state_space.tangent_labels,
             self.interval.nodes - self.interval.dimension,
@@ -128,7 +153,8 @@ class Transcription:
             rows += self._stated(k)
             if k == 0:
                 rows += [Row(f"start of {label}", 0.0, 0.0, 0.0) for label in labels]
-        return rows + [Row(f"goal of {labels[i]}", 0.0, 0.0, 1.0) for i in self.terminal]
+            rows += self._met(k)
+        return rows + [Row(f"goal of {labels[i]}", 0.0, 0.0, 1.0) for i in self.terminal] + self._met(N)
 
     def _stated(self, k: int) -> list[Row]:
         """Rows of the bounds in interval k. Those that the goal fixes go free: twice the same equation has no rank."""
@@ -159,9 +185,7 @@ class Transcription:
             self.outputs,
             self.interval.dimension,
         )
-        first_rows = np.array(
-            [k * outputs + (d if k > 0 else 0) for k in range(N)]
-        )  # the start's rows follow k = 0
+        first_rows = self.first_rows
         r, c = np.meshgrid(np.arange(outputs), np.arange(stage), indexing="ij")
         rows = [(first_rows[:, None] + r.ravel(order="F")).ravel()]
         columns = [(stage * np.arange(N)[:, None] + c.ravel(order="F")).ravel()]
@@ -169,22 +193,41 @@ class Transcription:
         columns.append((stage * np.arange(1, N + 1)[:, None] + np.arange(n)).ravel())
         rows.append(outputs + np.arange(d))  # the start
         columns.append(np.arange(d))
-        rows.append(N * outputs + d + np.arange(len(self.terminal)))  # the goal
+        rows.append(self.goal_row + np.arange(len(self.terminal)))
         columns.append(N * stage + self.terminal)
+        for meeting, first in zip(self.meetings, self._meeting_rows, strict=True):
+            r, c = np.meshgrid(np.arange(meeting.size), np.arange(meeting.w.numel()), indexing="ij")
+            rows.append(first + r.ravel(order="F"))
+            columns.append(stage * meeting.stage + c.ravel(order="F"))
         sparsity, mapping = ca.Sparsity.triplet(
             len(self.rows), self.size, np.concatenate(rows).tolist(), np.concatenate(columns).tolist(), False
         )
         upper = np.triu_indices(stage)
-        hessian_rows = (stage * np.arange(N)[:, None] + upper[0]).ravel()
-        hessian_columns = (stage * np.arange(N)[:, None] + upper[1]).ravel()
+        hessian_rows = [(stage * np.arange(N)[:, None] + upper[0]).ravel()]
+        hessian_columns = [(stage * np.arange(N)[:, None] + upper[1]).ravel()]
+        positions = [((upper[1] * stage + upper[0])[None, :] + stage * stage * np.arange(N)[:, None]).ravel()]
+        if self._met_last:
+            upper = np.triu_indices(n)
+            hessian_rows.append(N * stage + upper[0])
+            hessian_columns.append(N * stage + upper[1])
+            positions.append(N * stage * stage + upper[1] * n + upper[0])
         hessian, hessian_mapping = ca.Sparsity.triplet(
-            self.size, self.size, hessian_rows.tolist(), hessian_columns.tolist(), False
+            self.size,
+            self.size,
+            np.concatenate(hessian_rows).tolist(),
+            np.concatenate(hessian_columns).tolist(),
+            False,
         )
-        positions = (upper[1] * stage + upper[0])[None, :] + stage * stage * np.arange(N)[:, None]
         return {
             "jacobian": (sparsity, list(mapping)),
-            "hessian": (hessian, positions.ravel()[list(hessian_mapping)].tolist()),
+            "hessian": (hessian, np.concatenate(positions)[list(hessian_mapping)].tolist()),
         }
+
+    @property
+    def _meeting_rows(self) -> list[int]:
+        """The first row of every meeting."""
+        names = [row.name for row in self.rows]
+        return [names.index(meeting.names[0]) for meeting in self.meetings]
 
     @cached_property
     def functions(self) -> dict[str, Any]:
@@ -199,22 +242,28 @@ class Transcription:
             interval.cost.map(N)(stages, parameters),
             interval.value.map(N)(stages, parameters),
         )
-        f, g = ca.sum2(costs), self._constraints(values, after, stages, x)
+        f, g = ca.sum2(costs), self._constraints(values, after, x)
         _, gradients = interval.gradient.map(N)(stages, parameters)
         gradient = ca.vertcat(ca.vec(gradients), ca.DM.zeros(n))
         values, blocks = interval.jacobian.map(N)(stages, parameters)
         constants = np.ones(N * n + interval.dimension + len(self.terminal))
+        met = [
+            ca.vec(meeting.jacobian(self._variables(meeting, x), meeting.parameters))
+            for meeting in self.meetings
+        ]
         sparsity, mapping = self._pattern["jacobian"]
-        jacobian = ca.MX(sparsity, ca.vertcat(ca.vec(blocks), ca.DM(constants))[mapping])
+        jacobian = ca.MX(sparsity, ca.vertcat(ca.vec(blocks), ca.DM(constants), *met)[mapping])
         weight, multipliers = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", len(self.rows))
-        d = interval.dimension
-        mine = ca.vertcat(multipliers[: self.outputs], multipliers[self.outputs + d : N * self.outputs + d])
+        own = (self.first_rows + np.arange(self.outputs)[:, None]).ravel(order="F")
         hessians = interval.hessian.map(N)(
-            stages, parameters, ca.repmat(weight, 1, N), ca.reshape(mine, self.outputs, N)
+            stages,
+            parameters,
+            ca.repmat(weight, 1, N),
+            ca.reshape(multipliers[own.tolist()], self.outputs, N),
         )
         sparsity, mapping = self._pattern["hessian"]
-        hessian = ca.MX(sparsity, ca.vec(hessians)[mapping])
-        g_again = self._constraints(values, after, stages, x)
+        hessian = ca.MX(sparsity, self._with_meetings(hessians, x, multipliers)[mapping])
+        g_again = self._constraints(values, after, x)
         return {
             "nlp": ca.Function("nlp", [x, p], [f, g], ["x", "p"], ["f", "g"]),
             "grad_f": ca.Function("nlp_grad_f", [x, p], [f, gradient], ["x", "p"], ["f", "grad_f_x"]),
@@ -224,12 +273,39 @@ class Transcription:
             ),
         }
 
-    def _constraints(self, values: ca.MX, after: ca.MX, stages: ca.MX, x: ca.MX) -> ca.MX:
+    def _constraints(self, values: ca.MX, after: ca.MX, x: ca.MX) -> ca.MX:
         n, d = self.interval.nodes, self.interval.dimension
         gaps = ca.vertcat(values[:n, :] + after, values[n:, :])
-        return ca.vertcat(
-            gaps[:, 0], x[:d], ca.vec(gaps[:, 1:]), x[self.intervals * self.stage + self.terminal]
-        )
+        parts, done = [ca.vec(gaps[:, 0]), x[:d]], 1
+        for meeting in self._met_within:
+            parts.append(ca.vec(gaps[:, done : meeting.stage + 1]))
+            done = max(done, meeting.stage + 1)
+            parts.append(meeting.value(self._variables(meeting, x), meeting.parameters))
+        parts.append(ca.vec(gaps[:, done:]))
+        parts.append(x[self.intervals * self.stage + self.terminal])
+        parts += [
+            meeting.value(self._variables(meeting, x), meeting.parameters) for meeting in self._met_last
+        ]
+        return ca.vertcat(*parts)
+
+    def _variables(self, meeting: Meeting, x: ca.MX) -> ca.MX:
+        first = self.stage * meeting.stage
+        return x[first : first + meeting.w.numel()]
+
+    def _with_meetings(self, hessians: ca.MX, x: ca.MX, multipliers: ca.MX) -> ca.MX:
+        """The Hessians of all stages as one column, the meetings' added; the last node's own, if any, at the end."""
+        found: dict[int, ca.MX] = {}
+        for meeting, first in zip(self.meetings, self._meeting_rows, strict=True):
+            mine = multipliers[first : first + meeting.size]
+            share = meeting.hessian(self._variables(meeting, x), meeting.parameters, mine)
+            found[meeting.stage] = found.get(meeting.stage, 0) + share
+        columns, done = [], 0
+        for stage in sorted(k for k in found if k < self.intervals):
+            here = self.stage * stage
+            columns += [hessians[:, done:here], hessians[:, here : here + self.stage] + found[stage]]
+            done = here + self.stage
+        whole = ca.vec(ca.horzcat(*columns, hessians[:, done:]))
+        return ca.vertcat(whole, ca.vec(found[self.intervals])) if self.intervals in found else whole
 
     # --- between vectors and plans ------------------------------------------------------------------------------
 
@@ -281,7 +357,8 @@ class Transcription:
             "N": N,
             "nx": [self.interval.nodes] * (N + 1),
             "nu": [self.interval.controls] * N + [0],
-            "ng": [rows + self.interval.dimension] + [rows] * (N - 1) + [len(self.terminal)],
+            "ng": [rows + (self.interval.dimension if k == 0 else 0) + len(self._met(k)) for k in range(N)]
+            + [len(self.terminal) + len(self._met(N))],
         }
 
     def costates(self, x: Array, multipliers: Array) -> Array | None:
@@ -290,9 +367,8 @@ class Transcription:
         The optimum changes by -p_k·δ where the path is set off by δ on arriving at node k, and by p_N·δ where the goal
         moves by δ: p is the gradient of the cost of arriving.
         """
-        space, d, outputs = self.problem.system.state_space, self.interval.dimension, self.outputs
-        first = [k * outputs + (d if k > 0 else 0) for k in range(self.intervals)]
-        costates = np.array([multipliers[i : i + d] for i in first]) / self.interval.scales
+        space, d = self.problem.system.state_space, self.interval.dimension
+        costates = np.array([multipliers[i : i + d] for i in self.first_rows]) / self.interval.scales
         _, locals_ = self._stages(x)
         for block in space.blocks:
             if block.kind == "rotation":  # ċ = ½ (ω + ω×c + (c·ω) c) of the Gibbs vector c, transposed

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, Protocol, Self
 
 from nhpocp.arrays import Array, symbolic
-from nhpocp.state_space import StateSpace
+from nhpocp.state_space import Block, StateSpace
 
 
 @dataclass(frozen=True)
@@ -31,6 +31,9 @@ class System(Protocol):
     model: ClassVar[str]
     declared: ClassVar[Mapping[str, Parameter]]
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
+    pose_outputs: ClassVar[
+        tuple[Block, ...]
+    ] = ()  # those of `outputs` that depend on x alone: they may be goals
 
     state_space: StateSpace
     input_space: StateSpace

@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Literal
 
 from nhpocp.arrays import Array, cross, dot, namespace, norm, solve_3x3, symbolic, unit
 from nhpocp.errors import InvalidProblemError
-from nhpocp.state_space import StateSpace, rotation, vector
+from nhpocp.state_space import Block, StateSpace, direction, rotation, vector
 from nhpocp.systems.system import Parameter, System
 
 Vector3 = tuple[float, float, float]
@@ -173,6 +173,11 @@ class ThreeUPU(System):
     }
 
     state_space = StateSpace([vector("position", 3, "length"), rotation("orientation")])
+    # platform_normal: the direction of the platform's z axis, base coordinates
+    pose_outputs: ClassVar[tuple[Block, ...]] = (
+        vector("leg_lengths", 3, "length"),
+        direction("platform_normal"),
+    )
 
     def __init__(
         self,
@@ -204,7 +209,8 @@ class ThreeUPU(System):
         self.legs = tuple(_leg(leg) for leg in legs) if legs is not None else _symmetric_legs(**self._shape)
         if len(self.legs) != 3:
             raise InvalidProblemError(f"{len(self.legs)} legs; the 3-ŬPU robot has 3", path="system.legs")
-        self.input_space = StateSpace([vector("v" if form == "feedback" else "u", 3)])
+        speeds = vector("v", 3, "angle") if form == "feedback" else vector("u", 3, "length")
+        self.input_space = StateSpace([speeds])
 
     def parameters(self) -> dict[str, Any]:
         if self._explicit:
@@ -329,6 +335,7 @@ class ThreeUPU(System):
             other: self.output(other, state, control),
             "leg_lengths": xp.vector([leg.length for leg in legs]),
             "joint_angles": xp.rows(angles),
+            "platform_normal": orientation[:, 2],
         }
 
     def output(self, name: str, state: Array, control: Array) -> Array:
@@ -338,6 +345,8 @@ class ThreeUPU(System):
             return self.inverse_feedback(state, control)
         if name == "leg_lengths":
             return namespace(state).vector([leg.length for leg in self.leg_poses(state)])
+        if name == "platform_normal":
+            return self.state_space.unpack(state)["orientation"][:, 2]
         return super().output(name, state, control)
 
     def regularity(self, state: Array) -> dict[str, Array]:

@@ -13,6 +13,7 @@ import numpy as np
 from nhpocp.arrays import Array
 from nhpocp.constraints import BoundReport, check_bounds
 from nhpocp.solution import Crossing, Replay, Solution, Verdict
+from nhpocp.state_space import Block
 from nhpocp.systems.numeric import numeric_system
 from nhpocp.verification import geometry
 from nhpocp.verification.crossings import find_crossings
@@ -97,17 +98,32 @@ class _Check:
         return self.numeric.trajectory(self.samples.states, self.samples.controls, self.problem.scale)
 
     def pose_error(self, point: Array, goal: Mapping[str, Any]) -> float:
-        """E over the blocks that ``goal`` fixes. [Paper] section 4"""
-        target = np.asarray(self.space.pack({**self.problem.start, **goal}), dtype=float)
+        """E over the blocks and outputs that ``goal`` fixes. [Paper] section 4"""
+        values = {name: goal.get(name, value) for name, value in self.problem.start.items()}
+        target = np.asarray(self.space.pack(values), dtype=float)
         difference = weighted_difference(self.space, point[None], target[None], self.problem.error_length)[0]
-        return float(np.sqrt(sum(np.sum(difference[self.space.tangent_slice(name)] ** 2) for name in goal)))
+        parts = [difference[self.space.tangent_slice(name)] for name in goal if name in self.space.names]
+        still = np.zeros((1, self.system.input_space.size))
+        outputs = self.numeric.outputs(point[None], still) if len(parts) < len(goal) else {}
+        for output in self.system.pose_outputs:
+            if output.name in goal:
+                parts.append(self._output_error(output, np.ravel(outputs[output.name][0]), goal[output.name]))
+        return float(np.linalg.norm(np.concatenate(parts)))
+
+    def _output_error(self, output: Block, value: Array, wanted: Array) -> Array:
+        """Differences in the units of E; of a direction the angle, by the half-angle formula."""
+        if output.kind == "direction":
+            value = value / np.linalg.norm(value)
+            return np.array([2 * np.arctan2(np.linalg.norm(value - wanted), np.linalg.norm(value + wanted))])
+        return (value - np.ravel(wanted)) / (self.problem.error_length if output.unit == "length" else 1.0)
 
     def end_error(self) -> float | None:
-        """E at T, and at the via poses."""
-        horizon = self.control.horizon
+        """E at T and at the via poses, together."""
+        horizon, errors = self.control.horizon, []
         for via in self.problem.via:
             if via.share * horizon <= self.path.reached:
                 missed = self.pose_error(self.path(np.array([via.share * horizon]))[0], via.goal)
+                errors.append(missed)
                 if not missed <= self.allowed:
                     self.reasons.append(
                         f"the via pose at {via.share:g} of the horizon is missed by {missed:.3g}"
@@ -120,7 +136,12 @@ class _Check:
             self.reasons.append(
                 f"the replayed end misses the goal by {error:.3g}; the tolerance is {self.solution.tolerance:g}"
             )
-        return error
+        whole = float(np.linalg.norm([*errors, error]))
+        if not whole <= self.allowed and not self.reasons:
+            self.reasons.append(
+                f"goal and via poses are missed by {whole:.3g} together; the tolerance is {self.solution.tolerance:g}"
+            )
+        return whole
 
     def _stop(self, path: Path) -> str:
         """Where and why a path ends early, and how close to a singularity."""
