@@ -3,13 +3,17 @@
 import numpy as np
 import pytest
 from conftest import PAPER_START, paper_problem
+from scipy.optimize import minimize
 
 from nhpocp import planning
 from nhpocp.controls.fourier import Fourier
+from nhpocp.flow.cost_map import cost_map
+from nhpocp.flow.integrators import RungeKutta4
 from nhpocp.solution import Outcome
 from nhpocp.solvers.continuation import Continuation
 from nhpocp.solvers.multiple_shooting import MultipleShooting
-from nhpocp.solvers.null_space import minimise
+from nhpocp.solvers.multipliers import rounds
+from nhpocp.solvers.null_space import NoSurfaceError, Penalty, minimise
 from nhpocp.solvers.step_rules import Adaptive
 
 
@@ -82,3 +86,109 @@ def test_the_goal_reached_is_kept_when_the_search_is_cut_short(problem):
     solution = planning.solve(problem, solver)
     assert solution.converged
     assert "max_iterations" in solution.message
+
+
+@pytest.mark.parametrize("objective", ["effort", "leg_effort", "path_length"])
+@pytest.mark.parametrize("preset", ["default", "normal75"])
+def test_the_gradient_of_every_cost(objective, preset):
+    problem = paper_problem(preset)
+    cost = cost_map(objective, problem, problem.basis, 1.0, RungeKutta4(30))
+    step = 1e-6
+    for direction in np.random.default_rng(1).normal(size=(3, 3, 5)):
+        values = [cost(PAPER_START + sign * step * direction)[0] for sign in (1, -1)]
+        slope = cost(PAPER_START)[1] @ direction.ravel()
+        assert slope == pytest.approx((values[0] - values[1]) / (2 * step), rel=1e-6)
+
+
+def test_there_must_be_a_control_that_reaches_the_goal():
+    with pytest.raises(NoSurfaceError):
+        minimise(lambda y: (np.array([1.0]), np.array([[1e-9, 0]])), effort, np.ones(2))
+
+
+# --- inequalities ---------------------------------------------------------------------------------------------------
+
+
+class Linear:
+    """A y ≥ b; between its samples it lies lower by ``gap``."""
+
+    def __init__(self, matrix, limits, gap=0.0):
+        self.matrix, self.limits, self.gap = np.array(matrix, dtype=float), np.array(limits, dtype=float), gap
+
+    def values(self, y):
+        return self.matrix @ y - self.limits
+
+    def slopes(self, y):
+        return self.matrix
+
+    def between(self, y):
+        return self.values(y) - self.gap
+
+
+def plane(y):
+    """y0 + y1 + y2 = 3."""
+    return np.array([y.sum() - 3.0]), np.ones((1, 3))
+
+
+SETTINGS = {"scale": 3.0, "slack": 1e-9, "tolerance": 1e-9, "goal": 1e-10}
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_penalised_step_is_the_minimum_of_pieces(seed):
+    """A convex quadratic cost and linear rows: one step of the model is the answer, whatever the weight."""
+    random = np.random.default_rng(seed)
+    matrix, limits, weight = random.normal(size=(30, 3)), random.normal(size=30), 10.0 ** random.uniform(0, 6)
+    rows = Linear(matrix, limits)
+    penalty = Penalty(rows.values, rows.slopes, np.zeros(30), weight)
+    found = minimise(plane, effort, np.array([3.0, 0, 0]), penalty=penalty)
+    assert found.converged
+    assert len(found.history) <= 5
+
+    def merit(y):
+        return y @ y + 0.5 * weight * np.sum(np.maximum(0, limits - matrix @ y) ** 2)
+
+    best = minimize(
+        lambda z: merit(np.array([z[0], z[1], 3 - z[0] - z[1]])), found.y[:2], tol=1e-12, method="Nelder-Mead"
+    )
+    assert merit(found.y) <= best.fun * (1 + 1e-9)
+
+
+def test_the_gradient_of_the_penalty():
+    """What `optimality` reports is the projected slope of cost and penalty together."""
+    rows = Linear([[1, 0, 0], [0, 1, -1]], [2.0, 0.5])
+    penalty = Penalty(rows.values, rows.slopes, np.array([0.1, 0.0]), 50.0)
+    start = np.array([0.5, 1.5, 1.0])
+    found = minimise(plane, effort, start, penalty=penalty, most=1)
+
+    def merit(y):
+        return y @ y + 25.0 * np.sum(np.maximum(0, penalty.shift - rows.values(y)) ** 2)
+
+    step = 1e-6 * np.eye(3)
+    gradient = np.array([merit(start + d) - merit(start - d) for d in step]) / 2e-6
+    assert found.history[0]["optimality"] == pytest.approx(
+        np.linalg.norm(gradient - gradient.mean()), rel=1e-6
+    )
+
+
+@pytest.mark.parametrize("gap", [0.0, 0.3])
+def test_the_method_of_multipliers_ends_on_the_bound(gap):
+    """Nearest point of the plane with y0 ≥ 2 (and the path between the samples lower by the gap): by symmetry."""
+    *_, last = rounds(plane, effort, Linear([[1, 0, 0]], [2.0], gap), np.array([1.0, 2, 0]), **SETTINGS)
+    assert last.settled
+    first = 2.0 + gap
+    np.testing.assert_allclose(last.found.y, [first, (3 - first) / 2, (3 - first) / 2], atol=3e-4)
+    assert last.found.y[0] >= first - 1e-8
+
+
+def test_a_bound_that_does_not_press_is_not_felt():
+    *_, last = rounds(plane, effort, Linear([[1, 0, 0]], [-5.0]), np.array([1.0, 2, 0]), **SETTINGS)
+    assert last.settled
+    np.testing.assert_allclose(last.found.y, [1, 1, 1], atol=1e-6)
+
+
+def test_bounds_that_contradict_each_other_end_the_rounds():
+    *others, last = rounds(
+        plane, effort, Linear([[1, 0, 0], [-1, 0, 0]], [2.0, -1.0]), np.array([1.0, 2, 0]), **SETTINGS
+    )
+    assert not last.settled
+    assert last.least == pytest.approx(-0.5, abs=1e-3)  # midway: both are missed by as much
+    assert len(others) < 8

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import casadi as ca
 import numpy as np
 
@@ -10,6 +12,8 @@ from nhpocp.controls.basis import ControlBasis
 from nhpocp.flow.integrators import Integrator
 from nhpocp.objectives import INTEGRANDS
 from nhpocp.problem import PlanningProblem
+from nhpocp.systems.numeric import numeric_system
+from nhpocp.systems.system import System
 
 
 class EffortMap:
@@ -31,17 +35,30 @@ class QuadratureMap:
     def __init__(
         self, name: str, problem: PlanningProblem, basis: ControlBasis, horizon: float, integrator: Integrator
     ) -> None:
-        system, n = problem.system, problem.system.state_space.size
-        y, u = ca.SX.sym("y", n + 1), ca.SX.sym("u", system.input_space.size)
-        integrand = INTEGRANDS[name](system, y[:n], u, problem.scale)
-        rate = ca.Function("cost_rate", [y, u], [ca.densify(ca.vertcat(system.rate(y[:n], u), integrand))])
-        self._flow = integrator.flow(rate, basis, horizon)
+        rate, linearised = _with_quadrature(problem.system, name, problem.scale)
+        self._flow = integrator.flow(rate, basis, horizon, linearised=linearised)
         self._start = np.append(problem.start_point, 0.0)
 
     def __call__(self, coefficients: Array) -> tuple[float, Array]:
         """(cost, gradient (inputs · size,))."""
         path, jacobian = self._flow.sensitivity(self._start, coefficients)
         return float(path[-1, -1]), jacobian[-1, -1]
+
+
+@lru_cache(maxsize=32)
+def _with_quadrature(system: System, name: str, scale: float) -> tuple[ca.Function, ca.Function]:
+    """The rate of (x, ∫ integrand dt), and its linearisation from the system's own, which is the cheaper one."""
+    numeric, n, m = numeric_system(system), system.state_space.size, system.input_space.size
+    y, u = ca.SX.sym("y", n + 1), ca.SX.sym("u", m)
+    x = y[:n]
+    integrand = ca.SX(INTEGRANDS[name](system, x, u, scale))
+    rate = ca.densify(ca.vertcat(numeric.rate_function(x, u), integrand))
+    rows = ca.vertcat(numeric.linearised_function(x, u), ca.gradient(integrand, ca.vertcat(x, u)).T)
+    linearised = ca.densify(ca.horzcat(rows[:, :n], ca.SX(n + 1, 1), rows[:, n:]))
+    return (
+        ca.Function("cost_rate", [y, u], [rate]),
+        ca.Function("cost_linearised", [y, u], ca.cse([linearised])),
+    )
 
 
 def cost_map(

@@ -158,22 +158,38 @@ class RungeKuttaFlow:
     ) -> tuple[Array, Array]:
         controls = self._stage_controls(coefficients)
         states = self._states(np.asarray(start, dtype=float), controls)
-        steps, size, inputs = len(self._h), states.shape[1], len(coefficients)
-        ends = [range(steps + 1)[stop] for stop in stops]
+        ends = [range(len(states))[stop] for stop in stops]
+        with np.errstate(all="ignore"):  # a path that runs away is the caller's to judge
+            derivatives = self._step_derivatives(states, controls)
+            few = len(ends) * states.shape[1] <= np.size(coefficients)
+            chained = self._backwards if few else self._forwards
+            return states, chained(*derivatives, ends)
+
+    def _backwards(self, by_state: Array, by_controls: Array, ends: Sequence[int]) -> Array:
+        """dy(stop)/dλ from the last step to the first: cheap where the stops are few and λ is long."""
+        steps, size, inputs = len(by_state), by_state.shape[1], by_controls.shape[2] // 3
         onward = np.zeros((len(ends), size, size))  # dy(stop)/dy at the end of the step
         gradients = np.empty((steps, len(ends) * size, 3 * inputs))
-        with np.errstate(all="ignore"):  # a path that runs away is the caller's to judge
-            by_state, by_controls = self._step_derivatives(states, controls)
-            for k in range(steps - 1, -1, -1):
-                for place, end in enumerate(ends):
-                    if end == k + 1:
-                        onward[place] = np.eye(size)
-                rows = onward.reshape(-1, size)
-                gradients[k] = rows @ by_controls[k]
-                onward = (rows @ by_state[k]).reshape(onward.shape)
-            by_stage = gradients.reshape(steps, -1, 3, inputs).transpose(1, 3, 2, 0).reshape(-1, 3 * steps)
-            derivative = by_stage @ self._stages.reshape(3 * steps, -1)
-        return states, derivative.reshape(len(ends), size, -1)
+        for k in range(steps - 1, -1, -1):
+            for place, end in enumerate(ends):
+                if end == k + 1:
+                    onward[place] = np.eye(size)
+            rows = onward.reshape(-1, size)
+            gradients[k] = rows @ by_controls[k]
+            onward = (rows @ by_state[k]).reshape(onward.shape)
+        by_stage = gradients.reshape(steps, -1, 3, inputs).transpose(1, 3, 2, 0).reshape(-1, 3 * steps)
+        derivative = by_stage @ self._stages.reshape(3 * steps, -1)
+        return derivative.reshape(len(ends), size, -1)
+
+    def _forwards(self, by_state: Array, by_controls: Array, ends: Sequence[int]) -> Array:
+        """The same from the first step to the last: one pass for any number of stops."""
+        steps, size, inputs = len(by_state), by_state.shape[1], by_controls.shape[2] // 3
+        driven = np.einsum("knjm,jkf->knmf", by_controls.reshape(steps, size, 3, inputs), self._stages)
+        driven = driven.reshape(steps, size, -1)
+        along = np.zeros((steps + 1, size, driven.shape[2]))
+        for k in range(steps):
+            along[k + 1] = by_state[k] @ along[k] + driven[k]
+        return along[list(ends)]
 
     def _step_derivatives(self, states: Array, controls: Array) -> tuple[Array, Array]:
         """Derivatives of every step by its first state (steps, n, n) and by its three controls (steps, n, 3 m).

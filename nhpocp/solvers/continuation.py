@@ -16,24 +16,21 @@ import numpy as np
 
 from nhpocp.arrays import Array
 from nhpocp.controls.control import Control
-from nhpocp.flow.cost_map import cost_map
 from nhpocp.flow.end_point_map import DifferentiatedEndPointMap, EndPointMapFactory
 from nhpocp.flow.integrators import Integrator, RungeKutta4
 from nhpocp.flow.simulation import simulate
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Outcome, Progress, Solution, Solver
-from nhpocp.solvers.end_point_error import EndPointError
 from nhpocp.solvers.evaluation import Evaluation, Evaluator
 from nhpocp.solvers.generalized_inverses import (
     CoefficientMetric,
     GeneralizedInverse,
-    L2Metric,
     Metric,
     MoorePenrose,
 )
+from nhpocp.solvers.improvement import Improvement, LimitReached
 from nhpocp.solvers.initial_control import NoStartError, initial_coefficients
 from nhpocp.solvers.interruption import Interruption
-from nhpocp.solvers.null_space import minimise
 from nhpocp.solvers.step_rules import Euler, StepRule
 
 DIVERGED_ABOVE = 1e3  # times (1 + the first error): far outside any workspace
@@ -97,6 +94,11 @@ class Found:
     build_seconds: float
     solve_seconds: float
 
+    @property
+    def rank(self) -> float:
+        """The error, for choosing the best of several."""
+        return self.error if np.isfinite(self.error) else np.inf
+
 
 def solution(solver: Solver, problem: PlanningProblem, found: Found) -> Solution:
     """What was found, with the motion that its control makes."""
@@ -122,10 +124,6 @@ def solution(solver: Solver, problem: PlanningProblem, found: Found) -> Solution
     )
 
 
-class _LimitReached(Exception):
-    """A step rule asked for more evaluations than allowed."""
-
-
 class _Run:
     """One solve: the state of the loop and its records."""
 
@@ -140,6 +138,7 @@ class _Run:
             problem.start_point,
             solver.integrator,
             [task.share for task in problem.tasks[:-1]],
+            along=solver.inverse.looks_along,
         )
         factor = solver.metric.factor(problem.basis, problem.system.input_space.size, self.horizon)
         self.evaluator = Evaluator(problem, self.map, solver.inverse, factor)
@@ -159,7 +158,7 @@ class _Run:
                 outcome, message = self.iterate(first)
             except NoStartError as error:
                 outcome, message = Outcome.RANK_DEFICIENT, f"`initial: auto`: {error.message}"
-            except _LimitReached:
+            except LimitReached:
                 outcome = Outcome.ITERATION_LIMIT
                 message = f"E = {self.here.error if self.here else np.nan:.3g} after {len(self.records)} evaluations"
             except KeyboardInterrupt:
@@ -185,50 +184,51 @@ class _Run:
         for current in chain([here], self.solver.step_rule.updates(here, self.evaluate)):
             self.accept(current)
             ended = self.ended(current)
-            if ended and ended[0] is Outcome.CONVERGED and self.solver.objective != "none":
-                return self.minimise(current, ended[1])
+            if (
+                ended
+                and ended[0] is Outcome.CONVERGED
+                and (self.solver.objective != "none" or self.problem.bounds)
+            ):
+                return self.improve(current, ended[1])
             if ended:
                 return ended
         return Outcome.STAGNATED, f"E = {self.records[-1]['error']:.3g}: no step, however short, reduces it"
 
-    def minimise(self, reached: Evaluation, message: str) -> tuple[Outcome, str]:
-        """Least cost without leaving the goal; the better control becomes the current one."""
-        problem, name = self.problem, self.solver.objective
-        basis, inputs = problem.basis, problem.system.input_space.size
-        # coordinates in which the effort is |y|²
-        unscale = np.linalg.inv(L2Metric().factor(basis, inputs, self.horizon).T)
-        cost = cost_map(name, problem, basis, self.horizon, self.solver.integrator)
+    def improve(self, reached: Evaluation, message: str) -> tuple[Outcome, str]:
+        """Every bound, and the least cost, without leaving the goal; the better control becomes the current one."""
 
-        def constraint(y: Array) -> tuple[Array, Array] | None:
-            tried = self.evaluate((unscale @ y).reshape(inputs, basis.size), 0.0)
-            if tried.failure or tried.crossing or tried.vector is None:
+        def attempt(coefficients: Array) -> Evaluation | None:
+            try:
+                return self.evaluate(coefficients, 0.0)
+            except RuntimeError:  # a trial that CasADi cannot integrate
+                if self.interruption.noted:
+                    raise
                 return None
-            return tried.vector, EndPointError(problem, tried.end).jacobian @ unscale
 
-        def cost_of(y: Array) -> tuple[float, Array]:
-            value, gradient = cost((unscale @ y).reshape(inputs, basis.size))
-            return value, gradient @ unscale
-
-        self.limit += self.solver.max_iterations  # bounds each of the two phases
-        first = np.linalg.solve(unscale, reached.coefficients.ravel())
-        try:
-            found = minimise(constraint, cost_of, first, goal=min(1e-7, 1e-3 * self.solver.tolerance))
-        except _LimitReached:
-            return Outcome.CONVERGED, f"{message}; max_iterations ended the search for less {name}"
-        self.accept(self.evaluate((unscale @ found.y).reshape(inputs, basis.size), 0.0))
-        self.details = {
-            "objective_value": found.cost,
-            "optimality": {"stationarity": found.optimality, "feasibility": found.infeasibility},
-            "null_space": found.history,
-        }
-        words = "at" if found.converged else "not at"
-        return Outcome.CONVERGED, f"{message}; {name} {found.cost:.6g} {words} a stationary point"
+        solver = self.solver
+        self.limit += solver.max_iterations  # bounds each of the two phases
+        search = Improvement(
+            self.problem,
+            self.horizon,
+            solver.integrator,
+            self.map.times,
+            solver.objective,
+            solver.tolerance,
+            attempt,
+            reached.coefficients,
+        )
+        found = search.run()
+        if found.coefficients is not reached.coefficients:
+            self.limit += 1
+            self.accept(self.evaluate(found.coefficients, 0.0))
+        self.details = found.details
+        return found.outcome, f"{message}; {found.sentence}"
 
     def evaluate(self, coefficients: Array, gamma: float) -> Evaluation:
         """Where a control leads; every call leaves a record, which counts as refused until it is accepted."""
         self.interruption.check()
         if len(self.records) > self.limit:
-            raise _LimitReached
+            raise LimitReached
         if self.records and not self.records[-1]["accepted"]:
             self.records[-1]["k"] = self.updates  # it was a trial, and refused
         evaluation = self.evaluator(coefficients)
@@ -259,7 +259,7 @@ class _Run:
     def ended(self, here: Evaluation) -> tuple[Outcome, str] | None:
         """Whether the loop stops here, and with what sentence."""
         k, error, direction = self.updates, here.error, here.direction
-        first, rows = self.records[0]["error"], sum(len(task.rows) for task in self.problem.tasks)
+        first, rows = self.records[0]["error"], sum(task.size for task in self.problem.tasks)
         if here.failure:
             return here.failure.outcome, f"Update {k}: {here.failure.sentence}"
         if error < self.solver.tolerance:

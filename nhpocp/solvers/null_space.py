@@ -1,9 +1,9 @@
-"""Least cost among the controls that reach the goal: motion in the null space of the end-point Jacobian."""
+"""Least cost among the controls that reach the goal, and keep to inequalities: motion in the null space of J."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -13,6 +13,27 @@ from nhpocp.arrays import Array
 
 Constraint = Callable[[Array], tuple[Array, Array] | None]  # y ↦ (e, J), None where the path cannot be used
 Cost = Callable[[Array], tuple[float, Array]]  # y ↦ (f, ∇f)
+RowValues = Callable[[Array], Array]  # y ↦ g, wanted ≥ 0
+RowSlopes = Callable[[Array], Array]  # y ↦ ∂g/∂y
+
+
+HALVINGS = 16  # of a step, before the model counts as wrong
+REACH = 3.0
+NOTHING = 1e-14  # of the merit: a promise not worth a step
+FLATTEST, STEEPEST = 1e-4, 1e5  # curvatures of the model, times its first one, beyond which it begins again
+
+
+@dataclass(frozen=True)
+class Penalty:
+    """½ weight Σ max(0, shift - g(y))², the exterior penalty of rows g ≥ 0; shift: multipliers over the weight.
+
+    ``values`` is asked at the y that `Constraint` has just seen, ``slopes`` only where a step is taken from.
+    """
+
+    values: RowValues
+    slopes: RowSlopes
+    shift: Array
+    weight: float
 
 
 @dataclass(frozen=True)
@@ -21,11 +42,17 @@ class NullSpaceResult:
 
     y: Array
     cost: float
-    optimality: float  # |∇f + Jᵀμ| with the best μ
+    optimality: float  # |∇f + Jᵀμ| with the best μ; with a penalty, ∇f includes its own
     infeasibility: float  # |e|
     converged: bool
     evaluations: int
     history: list[dict[str, Any]]
+    hessian: Array = field(repr=False)
+    rows: Array = field(repr=False)  # g there; empty without a penalty
+
+
+class NoSurfaceError(ValueError):
+    """No usable control that reaches the goal near the one that the search was to begin with."""
 
 
 def minimise(
@@ -33,41 +60,48 @@ def minimise(
     cost: Cost,
     y: Array,
     *,
+    penalty: Penalty | None = None,
+    curvature: float = 2.0,
+    hessian: Array | None = None,
     tolerance: float = 1e-8,
     goal: float = 1e-9,
     most: int = 200,
 ) -> NullSpaceResult:
-    r"""min f(y) subject to e(y) = 0 from a point near e = 0, along the surface e = 0.
+    r"""min f(y) [+ penalty] subject to e(y) = 0 from a point near e = 0, along the surface e = 0.
 
     Each step lies in the null space of J and minimises a BFGS model of the Lagrangian's Hessian there; Newton steps
-    -J^# e bring it back to the surface, and f must fall (Armijo). A projected gradient that ends as SQP: near the
-    optimum the corrections are of second order. [Nocedal, Wright, ch. 15 and 18]
-    y are coordinates in which the metric is Euclidean, so that 2 I, with which the model begins, is the exact Hessian
-    of the effort itself. ``tolerance`` is on the projected gradient relative to |∇f|, ``goal`` on |e|.
+    -J^# e bring it back to the surface, and the cost must fall (Armijo). A projected gradient that ends as SQP: near
+    the optimum the corrections are of second order. [Nocedal, Wright, ch. 15 and 18]
+    The model keeps the penalty as it is, over the linearised rows: its kinks and its weight cost no progress.
+    The model begins with ``curvature`` I, or with the ``hessian`` of an earlier search: where y are coordinates in
+    which the effort is |y|², 2 I is exact for it. ``tolerance`` is on the projected gradient relative to |∇f|,
+    ``goal`` on |e|.
+    Errors: `NoSurfaceError`.
     """
-    search = _Search(constraint, cost, goal)
+    search = _Search(constraint, cost, penalty, goal)
     point = search.restored(y)
     if point is None:
-        raise ValueError("the search must start near a usable control that reaches the goal")
-    hessian, fresh = 2.0 * np.eye(len(y)), True
+        raise NoSurfaceError("the search must start near a usable control that reaches the goal")
+    first = curvature * np.eye(len(y))
+    model, fresh = (first, True) if hessian is None else (hessian, False)
     history: list[dict[str, Any]] = []
     for k in range(most):
         history.append({"k": k, "cost": point.f, "optimality": float(np.linalg.norm(point.residual))})
         if history[-1]["optimality"] < tolerance * max(1.0, float(np.linalg.norm(point.gradient))):
-            return search.result(point, True, history)
-        there = search.along(point, _null_step(point, hessian))
+            return search.result(point, True, history, model)
+        step, promised = point.step(model)
+        if promised <= NOTHING * abs(point.merit):
+            return search.result(point, True, history, model)
+        there = search.along(point, step, promised)
         if there is None and fresh:
             break
-        if there is None:
-            hessian, fresh = (
-                2.0 * np.eye(len(y)),
-                True,
-            )  # the model was at fault: begin again from its exact part
+        if there is None:  # the model was at fault: begin again from its exact part
+            model, fresh = first, True
             continue
-        change = (there.gradient + there.J.T @ there.mu) - (point.gradient + point.J.T @ there.mu)
-        hessian, fresh = _bfgs(hessian, there.y - point.y, change), False
+        change = there.lagrangian_slope(there) - point.lagrangian_slope(there)
+        model, fresh = _bfgs(model, there.y - point.y, change, curvature), False
         point = there
-    return search.result(point, False, history)
+    return search.result(point, False, history, model)
 
 
 @dataclass(frozen=True)
@@ -78,7 +112,33 @@ class _Point:
     e: Array
     J: Array
     f: float
-    gradient: Array
+    slope: Array  # ∇f
+    penalty: Penalty | None = None
+    excess: Array = field(default_factory=lambda: np.empty(0))  # shift - g
+
+    @property
+    def merit(self) -> float:
+        """f and the penalty."""
+        return self.f + 0.5 * self.weight * float(np.sum(np.maximum(0.0, self.excess) ** 2))
+
+    @property
+    def weight(self) -> float:
+        return self.penalty.weight if self.penalty else 0.0
+
+    @cached_property
+    def row_slopes(self) -> Array:
+        """∂g/∂y."""
+        return self.penalty.slopes(self.y) if self.penalty else np.empty((0, len(self.y)))
+
+    @property
+    def kappa(self) -> Array:
+        """Multipliers of the rows."""
+        return self.weight * np.maximum(0.0, self.excess)
+
+    @cached_property
+    def gradient(self) -> Array:
+        """Of the merit."""
+        return self.slope - self.kappa @ self.row_slopes
 
     @cached_property
     def mu(self) -> Array:
@@ -86,15 +146,32 @@ class _Point:
 
     @cached_property
     def residual(self) -> Array:
-        """∇f + Jᵀμ, the part of the gradient in the null space."""
+        """∇merit + Jᵀμ, the part of the gradient in the null space."""
         return self.gradient + self.J.T @ self.mu
+
+    def lagrangian_slope(self, other: _Point) -> Array:
+        """∇f + Jᵀμ - ∂gᵀκ here with another point's multipliers."""
+        return self.slope + self.J.T @ other.mu - other.kappa @ self.row_slopes
+
+    def step(self, hessian: Array) -> tuple[Array, float]:
+        """The minimiser of the model in the null space of J, and how far below this point's merit it lies."""
+        _, values, right = np.linalg.svd(self.J)
+        null = right[int(np.sum(values > 1e-10 * values[0])) :].T
+        curvature, slope = null.T @ hessian @ null, null.T @ self.slope
+        if not self.penalty:
+            z = -np.linalg.solve(curvature, slope)
+            return null @ z, -0.5 * float(slope @ z)
+        z, least = _least_of_pieces(curvature, slope, self.excess, self.row_slopes @ null, self.weight)
+        return null @ z, self.merit - self.f - least
 
 
 class _Search:
     """Evaluations on and near the surface e = 0."""
 
-    def __init__(self, constraint: Constraint, cost: Cost, goal: float) -> None:
-        self.constraint, self.cost, self.goal, self.evaluations = constraint, cost, goal, 0
+    def __init__(self, constraint: Constraint, cost: Cost, penalty: Penalty | None, goal: float) -> None:
+        self.constraint, self.cost, self.penalty, self.goal = constraint, cost, penalty, goal
+        self.evaluations = 0
+        self.reach = np.inf  # the longest step that is tried, from what the last one told
 
     def restored(self, y: Array, tries: int = 6) -> _Point | None:
         """The point of the surface that Newton's method finds from y; None if it does not come nearer."""
@@ -107,41 +184,90 @@ class _Search:
             e, J = evaluated
             size = float(np.linalg.norm(e))
             if size < self.goal:
-                return _Point(y, e, J, *self.cost(y))
+                return self._point(y, e, J)
             if size > 0.5 * last:
                 return None
             last = size
             y = y - np.linalg.lstsq(J, e, rcond=None)[0]
         return None
 
-    def along(self, point: _Point, step: Array) -> _Point | None:
-        """The first of 1, ½, ¼, … of a step that, brought back to the surface, lowers the cost enough."""
-        slope, share = float(point.gradient @ step), 1.0
-        for _ in range(25):
+    def _point(self, y: Array, e: Array, J: Array) -> _Point | None:
+        if not self.penalty:
+            return _Point(y, e, J, *self.cost(y))
+        excess = self.penalty.shift - self.penalty.values(y)
+        return _Point(y, e, J, *self.cost(y), self.penalty, excess) if np.isfinite(excess).all() else None
+
+    def along(self, point: _Point, step: Array, promised: float) -> _Point | None:
+        """The first of 1, ½, ¼, … of a step that, brought back to the surface, lowers the merit enough.
+
+        On a strongly curved surface the model promises steps that lead nowhere; none is tried that is more than
+        ``REACH`` times as long as the last that was kept.
+        """
+        length = float(np.linalg.norm(step))
+        share = min(1.0, self.reach / length) if length > 0 else 1.0
+        for _ in range(HALVINGS):
             there = self.restored(point.y + share * step)
-            if there is not None and there.f <= point.f + 1e-4 * share * slope + 1e-13 * abs(point.f):
-                return there
+            if there:
+                # what Newton's method left of e is paid for at the multipliers' price
+                gain = point.merit - there.merit + float(point.mu @ (point.e - there.e))
+                if gain >= 1e-4 * share * promised - 1e-13 * abs(point.merit):
+                    self.reach = REACH * share * length
+                    return there
             share *= 0.5
         return None
 
-    def result(self, point: _Point, converged: bool, history: list[dict[str, Any]]) -> NullSpaceResult:
+    def result(
+        self, point: _Point, converged: bool, history: list[dict[str, Any]], hessian: Array
+    ) -> NullSpaceResult:
+        rows = self.penalty.shift - point.excess if self.penalty else point.excess
         sizes = float(np.linalg.norm(point.residual)), float(np.linalg.norm(point.e))
-        return NullSpaceResult(point.y, point.f, *sizes, converged, self.evaluations, history)
+        return NullSpaceResult(point.y, point.f, *sizes, converged, self.evaluations, history, hessian, rows)
 
 
-def _null_step(point: _Point, hessian: Array) -> Array:
-    """The minimiser of the quadratic model in the null space of J."""
-    _, values, right = np.linalg.svd(point.J)
-    null = right[int(np.sum(values > 1e-10 * values[0])) :].T
-    return -null @ np.linalg.solve(null.T @ hessian @ null, null.T @ point.gradient)
+def _least_of_pieces(
+    hessian: Array, slope: Array, excess: Array, rows: Array, weight: float
+) -> tuple[Array, float]:
+    """The minimiser z of ½ zᵀHz + slope·z + ½ weight Σ max(0, excess - rows z)², and that minimum.
+
+    Convex and quadratic in pieces: Newton's method from piece to piece, with the exact minimum along each step, ends
+    after finitely many. [Mangasarian 2006]
+    """
+
+    def derivative(z: Array) -> tuple[Array, Array]:
+        left = np.maximum(0.0, excess - rows @ z)
+        return hessian @ z + slope - weight * (left @ rows), left
+
+    def value(z: Array) -> float:
+        left = np.maximum(0.0, excess - rows @ z)
+        return float(0.5 * z @ hessian @ z + slope @ z + 0.5 * weight * (left @ left))
+
+    z = np.zeros(len(slope))
+    first = least = value(z)
+    for _ in range(50):
+        gradient, left = derivative(z)
+        active = rows[left > 0]
+        newton = -np.linalg.solve(hessian + weight * (active.T @ active), gradient)
+        if -float(newton @ gradient) <= 1e-10 * (first - least):
+            break
+        low, high = 0.0, 1.0
+        if float(newton @ derivative(z + newton)[0]) > 0:  # the minimum along the step lies before its end
+            for _ in range(20):
+                middle = 0.5 * (low + high)
+                rising = float(newton @ derivative(z + middle * newton)[0]) > 0
+                low, high = (low, middle) if rising else (middle, high)
+        z = z + high * newton
+        least = value(z)
+    return z, least
 
 
-def _bfgs(hessian: Array, step: Array, change: Array) -> Array:
-    """Powell's damped update: stays positive definite."""
+def _bfgs(hessian: Array, step: Array, change: Array, scale: float) -> Array:
+    """Powell's damped update: stays positive definite; back to ``scale`` I where it would end nearly singular."""
     image = hessian @ step
     curvature, along = float(step @ image), float(step @ change)
     if curvature <= 0:
         return hessian
     theta = 1.0 if along >= 0.2 * curvature else 0.8 * curvature / (curvature - along)
     mixed = theta * change + (1 - theta) * image
+    if not FLATTEST * scale * (step @ step) < step @ mixed > mixed @ mixed / (STEEPEST * scale):
+        return scale * np.eye(len(step))
     return hessian - np.outer(image, image) / curvature + np.outer(mixed, mixed) / float(step @ mixed)

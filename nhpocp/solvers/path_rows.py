@@ -1,0 +1,266 @@
+"""The bounds of a problem along one path as rows g ≥ 0: values, derivatives, and how they fare between samples.
+
+A row is one side of one component of a bounded quantity at one sample, in units of its limit, so that -g is what
+verification calls the relative excess, but for the share `INSIDE` by which a path is asked to stay within.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Protocol
+
+import casadi as ca
+import numpy as np
+
+from nhpocp.arrays import Array
+from nhpocp.calls import call, mapped
+from nhpocp.constraints import Bound, BoundReport, check_bounds
+from nhpocp.controls.basis import ControlBasis
+from nhpocp.controls.control import Control
+from nhpocp.flow.integrators import RungeKutta4, uniform_grid
+from nhpocp.objectives import quantity
+from nhpocp.problem import PlanningProblem
+from nhpocp.systems.numeric import numeric_system
+from nhpocp.systems.system import System
+
+INSIDE = 1e-5  # of a limit: how far inside it a path is asked to stay
+FORGIVEN = 5e-4  # of a limit, half of what verification forgives: the play of a box with lo = hi
+FINE_STEPS = 2000  # at least, of the simulation that looks between the samples
+FINER = 4  # times the samples of the solver's own path, at least
+
+
+class PathRows:
+    """Rows g (samples × columns) of every bound along the path on one grid of times.
+
+    Samples are the grid's times, a breakpoint of the control twice, with the control's limit from either side; a column
+    is one side of one component of a quantity.
+    """
+
+    def __init__(
+        self,
+        problem: PlanningProblem,
+        basis: ControlBasis,
+        horizon: float,
+        times: Array,
+    ) -> None:
+        numeric = numeric_system(problem.system)
+        self.problem, self.basis, self.horizon, self.numeric = problem, basis, horizon, numeric
+        # whatever integrates the paths: these derivatives only steer
+        self._flow = RungeKutta4().flow(
+            numeric.rate_function, basis, horizon, times, numeric.linearised_function
+        )
+        self._samples = _Samples(times, basis, horizon)
+        self._families: list[_Family] = [_family(bound, problem) for bound in problem.bounds]
+        steps = max(FINE_STEPS, FINER * (len(times) - 1))
+        fine = uniform_grid(steps, basis.breakpoints(horizon), horizon)
+        self._fine_flow = RungeKutta4().flow(numeric.rate_function, basis, horizon, fine)
+        self._fine = _Samples(fine, basis, horizon)
+        self._nearest = self._samples.nearest(self._fine)
+
+    def values(self, path: Array, coefficients: Array) -> Array:
+        """g along a path (len(times), n) under its control; NaN where a quantity is none."""
+        return self._values(self._samples, path, coefficients)
+
+    def _values(self, samples: _Samples, path: Array, coefficients: Array) -> Array:
+        states, controls = path[samples.places], samples.table @ coefficients.T
+        return np.hstack([family.values(states, controls) for family in self._families])
+
+    def derivatives(self, coefficients: Array) -> Array:
+        """∂g/∂λ, samples × columns × (inputs · size)."""
+        path, sensitivities = self._flow.sensitivity(
+            self.problem.start_point, coefficients, tuple(range(len(self._flow.times)))
+        )
+        samples = self._samples
+        states, controls = path[samples.places], samples.table @ coefficients.T
+        pairs = [family.slopes(states, controls) for family in self._families]
+        by_state, by_control = (np.concatenate(parts, axis=1) for parts in zip(*pairs, strict=True))
+        through_state = by_state @ sensitivities[samples.places]
+        direct = by_control[:, :, :, None] * samples.table[:, None, None, :]
+        return through_state + direct.reshape(through_state.shape)
+
+    def between(self, coefficients: Array) -> Array:
+        """The least g (samples × columns) of the finely simulated motion in the neighbourhood of every sample."""
+        path = self._fine_flow.states(self.problem.start_point, coefficients)
+        if not np.isfinite(path).all():
+            return np.full((len(self._samples.places), 1), np.nan)
+        fine = self._values(self._fine, path, coefficients)
+        least = np.full((len(self._samples.places), fine.shape[1]), np.inf)
+        np.minimum.at(least, self._nearest, fine)
+        return least
+
+    def reports(self, control: Control) -> list[BoundReport]:
+        """Every bound's worst place on the finely simulated motion."""
+        path = self._fine_flow.states(self.problem.start_point, control.coefficients)
+        states, controls = path[self._fine.places], self._fine.table @ control.coefficients.T
+        with np.errstate(all="ignore"):  # a path that runs away is reported, not warned of
+            trajectory = self.numeric.trajectory(states, controls, self.problem.scale)
+        return check_bounds(self.problem.bounds, self._fine.times, trajectory)
+
+
+class _Samples:
+    """Where rows stand: times, their places in a grid of times, and φ there, one-sided at breakpoints."""
+
+    def __init__(self, grid: Array, basis: ControlBasis, horizon: float) -> None:
+        breaks = basis.breakpoints(horizon)
+        broken = [k for k in range(1, len(grid) - 1) if _close(grid[k], breaks, horizon)]
+        left = np.array([*broken, len(grid) - 1])
+        right = np.arange(len(grid) - 1)
+        order = np.argsort(np.concatenate([left, right]), kind="stable")  # the limit from the left first
+        self.places = np.concatenate([left, right])[order]
+        self.times = grid[self.places]
+        self.from_left = np.concatenate([np.ones(len(left), bool), np.zeros(len(right), bool)])[order]
+        tables = basis.table(grid[left], horizon, "left"), basis.table(grid[right], horizon)
+        self.table = np.concatenate(tables)[order]
+
+    def nearest(self, fine: _Samples) -> Array:
+        """For every sample of a finer grid the nearest of these, on the same side of every breakpoint."""
+        middles = 0.5 * (self.times[:-1] + self.times[1:])
+        sides = [np.searchsorted(middles, fine.times, side) for side in ("left", "right")]
+        return np.where(fine.from_left, *sides)
+
+
+def _close(time: float, others: Array, horizon: float) -> bool:
+    return bool(np.any(np.abs(others - time) < 1e-9 * horizon))
+
+
+class _Family(Protocol):
+    """The columns of one bound."""
+
+    def values(self, states: Array, controls: Array) -> Array:
+        """g at samples (k, n), (k, m) → (k, columns)."""
+        ...
+
+    def slopes(self, states: Array, controls: Array) -> tuple[Array, Array]:
+        """∂g/∂x (k, columns, n) and ∂g/∂u (k, columns, m)."""
+        ...
+
+
+@dataclass(frozen=True)
+class _Sides:
+    """Finite sides of a bound on numbered components: g = sign (value - limit)/size."""
+
+    places: Array  # component of every column
+    signs: Array  # +1 for a lower limit, -1 for an upper one
+    limits: Array
+    sizes: Array
+
+    def rows(self, values: Array) -> Array:
+        """(k, components) → (k, columns)."""
+        return self.signs * (values[:, self.places] - self.limits) / self.sizes
+
+    def scaled(self, slopes: Array) -> Array:
+        """∂value (k, components, n) → ∂g (k, columns, n)."""
+        return (self.signs / self.sizes)[:, None] * slopes[:, self.places]
+
+
+def _sides(lower: Array, upper: Array) -> _Sides:
+    """The limits (components,) moved inwards by `INSIDE`, those of an equation outwards by `FORGIVEN`."""
+    found = []
+    for sign, limits, others in ((1.0, lower, upper), (-1.0, upper, lower)):
+        for place in np.flatnonzero(np.isfinite(limits)):
+            limit, width = limits[place], abs(others[place] - limits[place])
+            size = abs(limit) or 1.0  # as `Bound.relative_excess` measures it
+            inwards = min(INSIDE * size, 0.25 * width) if width > 0 else -FORGIVEN * size
+            found.append((place, sign, limit + sign * inwards, size))
+    places, signs, limits, sizes = np.array(found).reshape(-1, 4).T
+    return _Sides(places.astype(int), signs, limits, sizes)
+
+
+def _family(bound: Bound, problem: PlanningProblem) -> _Family:
+    if bound.quantity.startswith("sigma_"):
+        return _Clearance(bound, problem)
+    return _Boxed(bound, problem.system)
+
+
+class _Boxed:
+    """Limits on the components of a state block, an input or an output."""
+
+    def __init__(self, bound: Bound, system: System) -> None:
+        self._value, self._slope, shape = _quantity_functions(system, bound.quantity)
+        sides = (
+            np.broadcast_to(np.asarray(side, float), shape).ravel() for side in (bound.lower, bound.upper)
+        )
+        self._sides, self._inputs = _sides(*sides), system.input_space.size
+
+    def values(self, states: Array, controls: Array) -> Array:
+        (values,) = call(mapped(self._value, len(states)), states, controls)
+        return self._sides.rows(values.reshape(len(states), -1))
+
+    def slopes(self, states: Array, controls: Array) -> tuple[Array, Array]:
+        (slopes,) = call(mapped(self._slope, len(states)), states, controls)
+        numbers = states.shape[1] + self._inputs
+        scaled = self._sides.scaled(slopes.reshape(len(states), numbers, -1).swapaxes(1, 2))
+        return scaled[:, :, : -self._inputs], scaled[:, :, -self._inputs :]
+
+
+@lru_cache(maxsize=128)
+def _quantity_functions(system: System, name: str) -> tuple[ca.Function, ca.Function, tuple[int, ...]]:
+    """(x, u) ↦ a quantity's components row by row, (x, u) ↦ their derivative by (x, u), and the quantity's shape."""
+    x, u = ca.SX.sym("x", system.state_space.size), ca.SX.sym("u", system.input_space.size)
+    value = ca.densify(ca.SX(quantity(system, name, x, u)))
+    flat = ca.reshape(value.T, -1, 1)
+    slope = ca.densify(ca.jacobian(flat, ca.vertcat(x, u)))
+    shape = tuple(size for size in value.shape if size != 1)
+    return ca.Function("quantity", [x, u], [flat]), ca.Function("slope", [x, u], [slope]), shape
+
+
+class _Clearance:
+    """Limits on the least singular value σ of a regularity matrix M, its rotation columns divided by a length.
+
+    The least σ carries the sign that det M has relative to the start, which makes it smooth through det M = 0, with
+    the start's side uphill; dσ = aᵀ dM b with the singular vectors a, b. The next larger σ has a row of its
+    own: where the two meet, the least alone has a kink.
+    """
+
+    def __init__(self, bound: Bound, problem: PlanningProblem) -> None:
+        self._name, self._numeric = bound.quantity.removeprefix("sigma_"), numeric_system(problem.system)
+        self._columns = np.asarray(problem.system.column_scales(self._name, problem.scale))
+        self._orientation = np.sign(self._numeric.determinants(problem.start_point[None])[self._name][0])
+        lower, upper = (float(np.asarray(side).ravel()[0]) for side in (bound.lower, bound.upper))
+        pair = np.array([lower, lower]), np.array([upper, np.inf])
+        self._sides, self._inputs = _sides(*pair), problem.system.input_space.size
+
+    def _decomposed(self, states: Array) -> tuple[Array, Array, Array, Array]:
+        """a (k, 2, rows), σ (k, 2), b (k, 2, columns) of the two least singular values, and the least one's sign."""
+        matrices = self._numeric.regularity(states)[self._name] / self._columns
+        left, values, right = np.linalg.svd(matrices)
+        signs = np.ones((len(states), 2))
+        signs[:, 0] = np.where(np.linalg.det(matrices) * self._orientation < 0, -1.0, 1.0)
+        return left[:, :, :-3:-1].swapaxes(1, 2), values[:, :-3:-1], right[:, :-3:-1], signs
+
+    def values(self, states: Array, controls: Array) -> Array:
+        try:
+            _, values, _, signs = self._decomposed(states)
+        except np.linalg.LinAlgError:  # a matrix that is not finite
+            return np.full((len(states), len(self._sides.places)), np.nan)
+        return self._sides.rows(signs * values)
+
+    def slopes(self, states: Array, controls: Array) -> tuple[Array, Array]:
+        left, _, right, signs = self._decomposed(states)
+        weights = signs[:, :, None, None] * left[..., :, None] * right[..., None, :] / self._columns
+        turned = mapped(_weighted_matrix_slope(self._numeric.system, self._name), len(states))
+        columns = [call(turned, states, weights[:, j].swapaxes(1, 2))[0] for j in range(2)]
+        scaled = self._sides.scaled(np.stack(columns, axis=1))
+        return scaled, np.zeros((*scaled.shape[:2], self._inputs))
+
+
+@lru_cache(maxsize=64)
+def _weighted_matrix_slope(system: System, name: str) -> ca.Function:
+    """(x, A) ↦ d/dx Σ A_ij M_ij(x) for a regularity matrix M."""
+    x = ca.SX.sym("x", system.state_space.size)
+    matrix = ca.densify(ca.SX(system.regularity(x)[name]))
+    weights = ca.SX.sym("A", *matrix.shape)
+    slope = ca.gradient(ca.sum1(ca.sum2(weights * matrix)), x)
+    return ca.Function("turned", [x, weights], [ca.densify(slope)])
+
+
+def worst(reports: Sequence[BoundReport]) -> BoundReport:
+    """The report that is worst relative to its own limit."""
+
+    def share(report: BoundReport) -> float:
+        limits = [abs(side) for side in report.bound.limits(report.component) if np.isfinite(side)]
+        return float(report.worst / (min(limits, default=1.0) or 1.0))
+
+    return max(reports, key=share)
