@@ -10,48 +10,25 @@ from __future__ import annotations
 
 import argparse
 from collections import Counter
-from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
 from time import perf_counter
-from typing import Any
 
-import numpy as np
+from goals import paper_task, workspace_goal
 
-import nhpocp
-from nhpocp import planning, so3
+from nhpocp import planning
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Solution
 from nhpocp.solvers.multiple_shooting import MultipleShooting
 from nhpocp.solvers.optimizers import Ipopt
-from nhpocp.systems.numeric import NumericSystem
-
-RADIUS, HEIGHT, TILT, YAW = 8.0, (18.0, 40.0), np.radians(30), np.radians((-120, 20))
-
-
-def random_goal(problem: PlanningProblem, seed: int) -> Mapping[str, Any]:
-    """A goal on the start's side of det S = 0 and det W = 0; the same for the same seed."""
-    random, numeric = np.random.default_rng(seed), NumericSystem(problem.system)
-    while True:
-        heading = random.uniform(0, 2 * np.pi)
-        tilt = random.uniform(0, TILT) * np.array([np.cos(heading), np.sin(heading), 0.0])
-        goal = {
-            "position": np.array([*random.uniform(-RADIUS, RADIUS, 2), random.uniform(*HEIGHT)]),
-            "orientation": so3.exp(tilt) @ so3.from_rpy(np.array([0.0, 0.0, random.uniform(*YAW)])),
-        }
-        point = problem.system.state_space.pack(goal)
-        determinants = numeric.determinants(np.stack([problem.start_point, point]))
-        if all(there * here > 0 for here, there in determinants.values()):
-            return goal
 
 
 def attempt(problem: PlanningProblem, seed: int, solver: MultipleShooting) -> Solution:
     """The verified solution of one random goal."""
-    return planning.solve(replace(problem, goal=random_goal(problem, seed)), solver)
+    return planning.solve(replace(problem, goal=workspace_goal(problem, seed)), solver)
 
 
 def main(arguments: argparse.Namespace) -> None:
-    problem = nhpocp.load_problem(Path(__file__).parents[1] / "problems" / "paper.yaml")
+    problem = paper_task("default")
     solver = MultipleShooting(
         steps_per_interval=None if arguments.steps == "auto" else int(arguments.steps),
         optimizer=Ipopt(max_iterations=arguments.max_iterations),

@@ -23,7 +23,7 @@ def test_samples_match_an_independent_integration(samples):
     np.testing.assert_allclose(found["position"], exact[:, :3], atol=1e-9)
     np.testing.assert_allclose(found["orientation"].reshape(-1, 9), exact[:, 3:], atol=1e-10)
     assert set(found) == {
-        *("t", "position", "orientation", "v", "u", "leg_lengths", "joint_angles"),
+        *("t", "position", "orientation", "v", "u", "leg_lengths", "joint_angles", "platform_normal"),
         *("sigma_s", "sigma_w", "det_s", "det_w"),
     }
 

@@ -1,22 +1,34 @@
 """`step_rule: auto`: what it tries, in order, and what it says of it."""
 
+import goals
 import numpy as np
+import pytest
 from conftest import paper_problem, yaw
 
-from nhpocp import planning, so3
+from nhpocp import planning
+from nhpocp.controls.control import Control
+from nhpocp.controls.fourier import Fourier
+from nhpocp.controls.sequence import retimed
+from nhpocp.flow.integrators import RungeKutta4
 from nhpocp.solution import Outcome
 from nhpocp.solution_folder import load_solution, save_solution
 from nhpocp.solvers import strategies
+from nhpocp.solvers.claims import confirmed
 from nhpocp.solvers.continuation import Continuation
-from nhpocp.solvers.step_rules import Euler
+from nhpocp.solvers.step_rules import Adaptive, Euler
 from nhpocp.solvers.strategies import Auto
-from nhpocp.verification import verify
+from nhpocp.systems.numeric import numeric_system
+
+
+def workspace(seed, **changes):
+    problem = goals.paper_task("default", **changes)
+    return goals.paper_task("default", goal=goals.workspace_goal(problem, seed), **changes)
 
 
 def test_the_direct_way_is_enough_for_the_paper(problem):
     solution = planning.solve(problem, Auto())
     assert solution.converged
-    assert solution.evaluations <= 10
+    assert solution.evaluations <= 8
     assert [entry["way"] for entry in solution.details["tried"]] == ["the given start"]
     assert solution.settings["step_rule"] == "auto"
 
@@ -28,35 +40,102 @@ def test_a_start_without_rank_is_left_for_a_seeded_one():
     tried = solution.details["tried"]
     assert tried[0]["outcome"] == "rank_deficient"
     assert tried[-1]["way"].startswith("seeded start")
-    assert "after 1 other tr" in solution.message
+    assert "after 1 other way" in solution.message
     assert {record["attempt"] for record in solution.iterations} == {0, 1}
+    assert sum(entry["evaluations"] for entry in tried) == solution.evaluations == len(solution.iterations)
 
 
-def test_manoeuvres_in_sequence_are_joined_and_stored(tmp_path):
-    """Two plans, one after the other, as one control of basis `sequence`, its waste taken out."""
-    tilted = so3.exp(np.array([0.1, -0.05, 0.0])) @ yaw(-np.pi / 3)
-    problem = paper_problem("normal75", goal={"position": [1.0, -1.0, 28.0], "orientation": tilted})
-    found = Auto()._manoeuvres(problem, 2, None)
-    assert found.outcome is Outcome.CONVERGED
-    assert found.control.basis.kind == "sequence"
-    assert len(found.control.basis.bases) == 2
-    assert found.control.horizon == 1.0
-    verdict = verify(found)
-    assert verdict.ok, verdict.reasons
-    back = load_solution(save_solution(found.judged(verdict), tmp_path / "sequence"))
+@pytest.mark.parametrize("robot", goals.ROBOTS)
+def test_goals_that_are_reachable_by_construction_are_reached(robot):
+    """`scripts/benchmark_goals.py` tries a hundred of them."""
+    problem = goals.paper_task(robot)
+    for goal in goals.reachable_goals(problem, 3):
+        solution = planning.solve(goals.paper_task(robot, goal=goal), Auto())
+        assert solution.converged, solution.message
+
+
+def test_generated_goals_are_reproducible_and_clear():
+    problem = goals.paper_task("normal75")
+    first, again = (goals.reachable_goals(problem, 2) for _ in range(2))
+    for one, other in zip(first, again, strict=True):
+        np.testing.assert_array_equal(one["position"], other["position"])
+        np.testing.assert_allclose(one["orientation"] @ one["orientation"].T, np.eye(3), atol=1e-14)
+    assert not np.allclose(first[0]["position"], first[1]["position"])
+
+
+def test_a_far_goal_is_reached_by_manoeuvres_that_are_stored_as_one(tmp_path):
+    """A workspace pose that no start of one basis leads to: two plans, one after the other."""
+    solution = planning.solve(workspace(45), Auto())
+    assert solution.converged, solution.message
+    control = solution.control
+    assert control.basis.kind == "sequence"
+    assert len(control.basis.bases) == 2
+    assert control.horizon == 1.0
+    assert "2 manoeuvres in sequence" in solution.message
+    back = load_solution(save_solution(solution, tmp_path / "sequence"))
     assert back.converged
-    np.testing.assert_allclose(
-        back.control(np.linspace(0, 1, 11)), found.control(np.linspace(0, 1, 11)), atol=1e-12
-    )
+    times = np.linspace(0, 1, 11)
+    np.testing.assert_allclose(back.control(times), control(times), atol=1e-12)
+
+
+def test_retimed_manoeuvres_go_the_same_way_and_cost_what_time_scaling_says(problem):
+    control = problem.control(problem.initial)
+    slow = retimed(control, 2.5)
+    rate = numeric_system(problem.system).rate_function
+    ends = [
+        RungeKutta4(200).flow(rate, c.basis, c.horizon).end(problem.start_point, c.coefficients)
+        for c in (control, slow)
+    ]
+    np.testing.assert_allclose(ends[0], ends[1], atol=1e-12)
+    assert slow.effort == pytest.approx(control.effort / 2.5)
+
+
+def test_a_claim_that_finer_steps_refute_is_corrected(problem):
+    """Ten steps of RK4 are wrong by more than the tolerance; the confirmed control is not."""
+    coarse = Continuation(step_rule=Adaptive(), integrator=RungeKutta4(10), tolerance=1e-6)
+    assert coarse.find(problem).outcome is Outcome.CONVERGED
+    assert not planning.solve(problem, coarse).converged
+    found = confirmed(coarse, problem)
+    assert found.outcome is Outcome.CONVERGED
+    rate = numeric_system(problem.system).rate_function
+    flow = RungeKutta4(1000).flow(rate, problem.basis, 1.0)
+    assert problem.goal_error(flow.end(problem.start_point, found.control.coefficients)) < 2e-6
 
 
 def test_what_is_not_reached_is_said_with_everything_tried(monkeypatch):
     """Two steps of γ = 0.001 reach nothing; no try may claim it."""
-    for name, value in {"PIECES": (1, 2), "SEEDS": 2, "HALVINGS": 2}.items():
+    for name, value in {"SEEDS": 2, "HALVINGS": 2}.items():
         monkeypatch.setattr(strategies, name, value)
     lame = Auto(Continuation(step_rule=Euler(1e-3), max_iterations=2), restarts=1)
     solution = planning.solve(paper_problem(), lame)
     assert solution.outcome is Outcome.NOT_REACHED
-    for way in ("the given start: iteration_limit", "seeded start 1: iteration_limit", "walking the goal"):
+    for way in (
+        "the given start: iteration_limit",
+        "seeded start 1: iteration_limit",
+        "walking the goal",
+        "stuck",
+    ):
         assert way in solution.message
     assert solution.verdict.error > 1
+
+
+def test_no_new_try_begins_when_the_budget_is_spent(monkeypatch):
+    monkeypatch.setattr(strategies, "BUDGET", 10)
+    goal = {"position": [0, 0, 500], "orientation": yaw(-np.pi / 2)}
+    solution = planning.solve(goals.paper_task("default", goal=goal), Auto())
+    assert solution.outcome is Outcome.NOT_REACHED
+    assert "Given up after" in solution.message
+    assert solution.evaluations < 60
+    assert "unreachable" not in solution.message
+
+
+def test_least_effort_of_the_winner():
+    plain, cheap = (
+        planning.solve(workspace(4), Auto(Continuation(step_rule=Adaptive(), objective=name)))
+        for name in ("none", "effort")
+    )
+    assert plain.converged
+    assert cheap.converged
+    assert cheap.control.effort < 0.7 * plain.control.effort
+    assert isinstance(cheap.control, Control)
+    assert isinstance(cheap.control.basis, Fourier)

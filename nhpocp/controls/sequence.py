@@ -102,3 +102,8 @@ def join(pieces: Sequence[Control]) -> Control:
         tuple(piece.basis for piece in pieces), tuple(piece.horizon / horizon for piece in pieces)
     )
     return Control(basis, np.hstack([piece.coefficients for piece in pieces]), horizon)
+
+
+def retimed(control: Control, horizon: float) -> Control:
+    """The same motion of a driftless system in another time: u(t T/T') T/T' over [0, T']."""
+    return Control(control.basis, control.horizon / horizon * np.asarray(control.coefficients), horizon)

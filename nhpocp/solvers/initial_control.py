@@ -12,7 +12,7 @@ from nhpocp.solvers.end_point_error import EndPointError
 from nhpocp.systems.numeric import numeric_system
 
 DRAWS = 100
-SPREAD = 0.5  # standard deviation of a coefficient, times 1/T: the size of the paper's own start
+SPREAD = 0.5  # [rad] standard deviation of a coefficient times T: the size of the paper's own start
 CONDITION_ABOVE = 1e-3  # least over largest singular value of the Jacobian; the paper's start has 3.5e-3
 
 
@@ -27,6 +27,16 @@ def initial_coefficients(problem: PlanningProblem, end_point_map: EndPointMap, s
     return seeded_coefficients(problem, end_point_map, seed)
 
 
+def drawn(problem: PlanningProblem, random: np.random.Generator, size: float = 1.0) -> Array:
+    """Normal random coefficients (inputs × basis size), a share ``size`` of what turns the mechanism by half a radian.
+
+    Inputs that are speeds of lengths are scaled with the mechanism's own length.
+    """
+    units = np.array(problem.system.input_space.tangent_units)
+    spread = size * SPREAD / problem.horizon.fixed * np.where(units == "length", problem.scale, 1.0)
+    return random.normal(0.0, spread[:, None], (len(units), problem.basis.size))
+
+
 def seeded_coefficients(problem: PlanningProblem, end_point_map: EndPointMap, seed: int) -> Array:
     """The first good control of a seeded sequence.
 
@@ -34,11 +44,9 @@ def seeded_coefficients(problem: PlanningProblem, end_point_map: EndPointMap, se
     to spare. Errors: `NoStartError` if none of `DRAWS` controls is good.
     """
     random, numeric = np.random.default_rng(seed), numeric_system(problem.system)
-    shape = (problem.system.input_space.size, problem.basis.size)
     for draw in range(DRAWS):
         # later draws are smaller: a short motion stays clear of the singular surfaces around the start
-        spread = SPREAD / problem.horizon.fixed * 0.97**draw
-        coefficients = random.normal(0.0, spread, shape)
+        coefficients = drawn(problem, random, 0.97**draw)
         end = end_point_map(coefficients)
         if not np.isfinite(end.path).all() or not np.isfinite(end.jacobian).all():
             continue

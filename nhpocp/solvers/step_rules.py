@@ -35,13 +35,6 @@ def full_step(here: Evaluation) -> Array:
     return here.direction.step.reshape(here.coefficients.shape)
 
 
-def promised_merit(here: Evaluation, gamma: float) -> float:
-    """|e + γ J δλ|, the linear model of the error after a share of the full step."""
-    if here.direction is None or here.vector is None:
-        return here.merit
-    return float(np.linalg.norm(here.vector + gamma * here.direction.image))
-
-
 @dataclass(frozen=True)
 class Euler:
     """Λ ← Λ - γ J^# e, [Paper] eq. (17). The paper names no γ; 0.1 is ours."""
@@ -60,33 +53,36 @@ class Euler:
 
 @dataclass(frozen=True)
 class Adaptive:
-    """Steps γ J^# e, γ ≤ 1, inside a trust region |ΔΛ| ≤ Δ. [Nocedal, Wright, Numerical Optimization, ch. 4]
+    """Steps inside a trust region |ΔΛ| ≤ Δ. [Nocedal, Wright, Numerical Optimization, ch. 4 and 10]
 
-    The linear model promises the error |e + γ J δλ|, (1 - γ) |e| for a full inverse; the share of that promise which is
-    kept widens or narrows Δ. A trial whose path is not finite, or jumps across a surface that the equations cannot
-    cross, is refused like one that promises too much. Near the solution γ = 1 is Newton's method. The size of a step is
-    that of its coefficients.
+    Of all steps so short the one is taken that reduces the linear model |e + J δλ| most (`Direction.within`); the share
+    of that promise which is kept widens or narrows Δ. A trial whose path is not finite, or jumps across a surface that
+    the equations cannot cross, is refused like one that promises too much. Near the solution the step is (16)'s with
+    γ = 1, Newton's method; γ of the records is the share of the error that the model promises to remove.
+    ``first_radius`` is in units of Λ₀'s own length.
     """
 
-    first_radius: float = 4.0
+    first_radius: float = 0.5
     kind: ClassVar[str] = "adaptive"
 
     def updates(self, here: Evaluation, evaluate: Evaluate) -> Iterator[Evaluation]:
         radius = self.first_radius * (1.0 + float(np.linalg.norm(here.coefficients)))
-        smallest = 1e-10 * radius
-        while radius > smallest:
-            step = full_step(here)
+        smallest = 1e-7 * radius
+        while radius > smallest and here.direction is not None and here.vector is not None:
+            step, image = here.direction.within(radius)
+            promised = here.merit - float(np.linalg.norm(here.vector + image))
+            if not promised > 1e-9 * here.merit:
+                return
             length = float(np.linalg.norm(step))
-            gamma = min(1.0, radius / length) if length > 0 else 1.0
-            trial = evaluate(here.coefficients + gamma * step, gamma)
+            trial = evaluate(here.coefficients + step.reshape(here.coefficients.shape), promised / here.merit)
             if trial.failure or trial.crossing:
-                radius = 0.25 * gamma * length
+                radius = 0.25 * min(radius, length)
                 continue
-            kept = (here.merit - trial.merit) / (here.merit - promised_merit(here, gamma))
+            kept = (here.merit - trial.merit) / promised
             if kept < 0.25:
-                radius = (0.5 if kept > 0 else 0.25) * gamma * length
+                radius = (0.5 if kept > 0 else 0.25) * min(radius, length)
             elif kept > 0.75:
-                radius = max(radius, 2.5 * gamma * length)
+                radius = max(radius, 2.5 * length)
             if kept > 0.05:
                 here = trial
                 yield here

@@ -11,21 +11,22 @@ import numpy as np
 
 from nhpocp.arrays import Array
 from nhpocp.controls.control import Control
-from nhpocp.controls.sequence import join
+from nhpocp.controls.sequence import join, retimed
 from nhpocp.errors import OrientationAtPiError
 from nhpocp.flow.integrators import RungeKutta4
 from nhpocp.problem import Horizon, PlanningProblem
 from nhpocp.solution import Outcome, Progress, Solution
-from nhpocp.solvers.continuation import Continuation
+from nhpocp.solvers.claims import begun_from, confirmed, end_of
+from nhpocp.solvers.continuation import Continuation, Found, solution
+from nhpocp.solvers.initial_control import drawn
+from nhpocp.solvers.interruption import Interruption
 from nhpocp.solvers.step_rules import Adaptive
-from nhpocp.systems.numeric import numeric_system
 
-FINER = 4  # times the steps of a claim, for the check that a strategy makes of it
-PIECES = (1, 2, 4, 8, 16)
+PIECES = 32  # at most
 SEEDS = 8  # per manoeuvre
-SPREAD = 0.5  # standard deviation of a manoeuvre's first coefficients, times its duration
-EVALUATIONS = 60  # per try: starts that lead to the goal need 5 to 30
-HALVINGS = 6  # of the walk along the goal's geodesic
+EVALUATIONS = 25  # per try: starts that lead to the goal need 5 to 20
+HALVINGS = 6  # of a part of the geodesic
+BUDGET = 3000  # evaluations, after which no new try begins
 
 
 @dataclass(frozen=True)
@@ -33,11 +34,11 @@ class Auto:
     """Solver: the adaptive continuation, and what else may reach the goal, in this order.
 
     1. From the problem's own start (a seeded one if that has no full rank). 2. From ``restarts`` seeded starts.
-    3. The goal walked along the geodesic from the pose that a start reaches. 4. Manoeuvres: the geodesic from start to
-    goal cut into 1, 2, 4, … pieces, each planned from small seeded controls over its share of the horizon, joined into
-    one control of basis `sequence`, and the waste taken out of the whole. (7) is driftless and, where S is regular and
-    the growth vector is (3, 6), locally controllable, so every path clear of the singularities can be followed so.
-    A claim counts only if a simulation with ``FINER`` times as many steps confirms it.
+    3. Manoeuvres: the geodesic from start to goal in pieces, each planned from small seeded controls, joined into one
+    control of basis `sequence`. (7) is driftless and, where S is regular and the growth vector is (3, 6), locally
+    controllable, so every path clear of the singularities can be followed so. 4. The goal walked along the geodesic
+    from the pose that the best of the starts reaches.
+    Only the winner enters the search for least cost (`Continuation.objective`).
     """
 
     continuation: Continuation = field(default_factory=lambda: Continuation(step_rule=Adaptive()))
@@ -52,177 +53,188 @@ class Auto:
         return {**self.continuation.settings(), "step_rule": "auto"}
 
     def solve(self, problem: PlanningProblem, progress: Progress | None = None) -> Solution:
-        began = perf_counter()
-        tried: list[dict[str, Any]] = []
-        records: list[dict[str, Any]] = []
-        best: Solution | None = None
-        for words, solution in self._attempts(problem, progress):
-            records += [{**record, "attempt": len(tried)} for record in solution.iterations]
-            good = solution.outcome is Outcome.CONVERGED and self._confirmed(problem, solution.control)
-            outcome = (
-                solution.outcome.value
-                if good or solution.outcome is not Outcome.CONVERGED
-                else "not_confirmed"
-            )
-            tried.append(
-                {
-                    "way": words,
-                    "outcome": outcome,
-                    "error": solution.final_error,
-                    "evaluations": solution.evaluations,
-                }
-            )
-            if best is None or good or solution.final_error < best.final_error:
-                best = solution
-            if good or solution.outcome is Outcome.INTERRUPTED:
-                break
-        else:
-            good = False
-        if best is None:
-            raise RuntimeError("a strategy without attempts")
-        return self._ended(problem, best, good, tried, records, perf_counter() - began)
+        with Interruption():  # also between the tries; the next one stops at once
+            return solution(self, problem, _Search(self, problem, progress).found())
 
-    def _ended(
-        self,
-        problem: PlanningProblem,
-        best: Solution,
-        good: bool,
-        tried: list[dict[str, Any]],
-        records: list[dict[str, Any]],
-        seconds: float,
-    ) -> Solution:
-        outcome, message = best.outcome, best.message
-        if good and len(tried) > 1:
-            message = f"{best.message[:-1]} by {tried[-1]['way']}, after {len(tried) - 1} other tries."
-        if not good and outcome is not Outcome.INTERRUPTED:
-            outcome = Outcome.NOT_REACHED
-            ways = "; ".join(
-                f"{entry['way']}: {entry['outcome']} (E = {entry['error']:.3g})" for entry in tried
+
+class _Spent(Exception):
+    """Every evaluation that a search may take has been taken."""
+
+
+class _Search:
+    """One solve of `Auto`: the ways in order, and the records of all that was evaluated on them."""
+
+    def __init__(self, solver: Auto, problem: PlanningProblem, progress: Progress | None) -> None:
+        self.base, self.restarts = solver.continuation, solver.restarts
+        self.problem, self.space, self.progress = problem, problem.system.state_space, progress
+        self.records: list[dict[str, Any]] = []
+        self.tried: list[dict[str, Any]] = []
+
+    def found(self) -> Found:
+        """The first try whose control a finer simulation confirms; otherwise the one that came nearest."""
+        began = perf_counter()
+        ended: list[Found] = []
+        stop = ""
+        try:
+            for way, found in self._ways():
+                ended.append(found)
+                self._note(way, found.outcome.value, found.error)
+                if found.outcome in (Outcome.CONVERGED, Outcome.INTERRUPTED):
+                    break
+        except KeyboardInterrupt:
+            stop = "Stopped by hand"
+        except _Spent:
+            stop = f"Given up after {len(self.records)} evaluations"
+        best = min(ended, key=lambda found: (found.outcome is not Outcome.CONSTRAINT_VIOLATED, found.rank))
+        if ended[-1].outcome is Outcome.CONVERGED:
+            best = ended[-1]
+            others = len(self.tried) - 1
+            message = (
+                f"{best.message} by {self.tried[-1]['way']}, after {others} other ways"
+                if others
+                else best.message
             )
-            message = f"Nothing that was tried reached the goal. {ways}."
+            outcome = best.outcome
+        elif stop == "Stopped by hand" or ended[-1].outcome is Outcome.INTERRUPTED:
+            outcome, message = Outcome.INTERRUPTED, "Stopped by hand"
+        elif best.outcome is Outcome.CONSTRAINT_VIOLATED:
+            outcome, message = best.outcome, f"{best.message}; {len(self.tried)} ways were tried"
+        else:
+            ways = "; ".join(f"{way['way']}: {way['outcome']} (E = {way['error']:.3g})" for way in self.tried)
+            outcome = Outcome.NOT_REACHED
+            message = f"Nothing that was tried reached the goal. {stop + '. ' if stop else ''}{ways}"
         return replace(
             best,
-            problem=problem,
-            settings=self.settings(),
             outcome=outcome,
             message=message,
-            iterations=records,
-            evaluations=len(records),
-            details={**best.details, "tried": tried},
-            timing={"build_s": best.timing["build_s"], "solve_s": max(0.0, seconds - best.timing["build_s"])},
+            records=self.records,
+            details={**best.details, "tried": self.tried},
+            solve_seconds=perf_counter() - began - best.build_seconds,
         )
 
-    def _attempts(
-        self, problem: PlanningProblem, progress: Progress | None
-    ) -> Iterator[tuple[str, Solution]]:
-        """Every way in order, solved when it is asked for."""
-        base = replace(self.continuation, max_iterations=min(self.continuation.max_iterations, EVALUATIONS))
-        first = base.solve(problem, progress)
-        yield "the given start" if problem.initial is not None else "a seeded start", first
-        reached = [first]
-        for seed in range(1, self.restarts + 1):
-            solver = replace(base, seed=base.seed + seed)
-            solution = solver.solve(replace(problem, initial=None), progress)
-            reached.append(solution)
-            yield f"seeded start {seed}", solution
-        walked = self._walk(problem, reached, progress)
+    def _note(self, way: str, outcome: str, error: float) -> None:
+        before = sum(entry["evaluations"] for entry in self.tried)
+        evaluations = len(self.records) - before
+        self.tried.append({"way": way, "outcome": outcome, "error": error, "evaluations": evaluations})
+
+    def _ways(self) -> Iterator[tuple[str, Found]]:
+        """Every way in order, each tried when it is asked for."""
+        problem, starts = self.problem, []
+        for start in range(1 + self.restarts):
+            own = "the given start" if problem.initial is not None else "a seeded start"
+            tried = problem if start == 0 else replace(problem, initial=None)
+            found = self._try(tried, start)
+            starts.append(found)
+            yield own if start == 0 else f"seeded start {start}", self._finished(found)
+        joined = self._manoeuvres()
+        if joined is not None:
+            yield f"{len(joined.control.basis.bases)} manoeuvres in sequence", joined  # type: ignore[attr-defined]
+        walked = self._walk(min(starts, key=lambda found: found.rank))
         if walked is not None:
             yield "walking the goal", walked
-        for pieces in PIECES:
-            sequence = self._manoeuvres(problem, pieces, progress)
-            if sequence is not None:
-                yield f"{pieces} manoeuvre{'s' if pieces > 1 else ''} in sequence", sequence
 
-    def _walk(
-        self, problem: PlanningProblem, reached: list[Solution], progress: Progress | None
-    ) -> Solution | None:
-        """Goal continuation: from the pose that the best start reaches to the goal, in steps that succeed."""
-        usable = [solution for solution in reached if np.isfinite(solution.final_error)]
-        if not usable or set(problem.goal) != set(problem.system.state_space.names):
-            return None
-        best = min(usable, key=lambda solution: solution.final_error)
-        space = problem.system.state_space
-        here = self._end(problem, best.control)
-        coefficients, share, step = np.array(best.control.coefficients), 0.0, 0.5
-        solution: Solution | None = None
-        if not np.isfinite(here).all():
-            return None
-        try:
-            tangent = space.difference(problem.goal_point, here)
-        except OrientationAtPiError:
-            return None
-        while share < 1.0 and step > 0.5**HALVINGS:
+    def _solve(self, solver: Continuation, problem: PlanningProblem) -> Found:
+        """A confirmed solve, its records among the search's."""
+        if len(self.records) > BUDGET:
+            raise _Spent
+        found = confirmed(solver, problem, self.progress)
+        attempt = len(self.tried)
+        self.records += [{**record, "attempt": attempt} for record in found.records]
+        return found
+
+    def _try(self, problem: PlanningProblem, seed: int) -> Found:
+        """The continuation to the goal alone, given up soon; converged only if confirmed."""
+        limit = min(self.base.max_iterations, EVALUATIONS)
+        solver = replace(self.base, objective="none", max_iterations=limit, seed=self.base.seed + seed)
+        return self._solve(solver, replace(problem, bounds=()))
+
+    def _finished(self, found: Found) -> Found:
+        """The second phase, for a try that has reached the goal: least cost, and the bounds."""
+        if found.outcome is not Outcome.CONVERGED or (
+            self.base.objective == "none" and not self.problem.bounds
+        ):
+            return found
+        return self._solve(self.base, begun_from(self.problem, found.control))
+
+    def _manoeuvres(self) -> Found | None:
+        """One plan after another along the geodesic to the goal, each as far as it succeeds; None if one gets stuck.
+
+        A plan that fails is tried again for half of the way. Manoeuvre i would cost E_i in unit time; it gets a share
+        √E_i / Σ √E of the horizon, with which the whole costs (Σ √E)²/T, the least of all divisions.
+        """
+        here, step = self.problem.start_point, 0.5
+        controls: list[Control] = []
+        while step > 0.5**HALVINGS and len(controls) < PIECES:
+            goal = self.problem.goal if step == 1.0 else self._between(here, step)
+            if goal is None:
+                return None
+            start = self.space.unpack(here)
+            part = replace(self.problem, start=start, goal=goal, horizon=Horizon(1.0), via=())
+            control = self._piece(part, step**0.5)
+            if control is None:
+                step *= 0.5
+                continue
+            controls.append(control)
+            if step == 1.0:
+                return self._joined(controls)
+            here, step = end_of(part, control, self.base.integrator), min(1.0, 2.0 * step)
+        self._note(
+            f"manoeuvres in sequence, stuck after {len(controls)}", "stagnated", self.problem.goal_error(here)
+        )
+        return None
+
+    def _piece(self, part: PlanningProblem, size: float) -> Control | None:
+        """One manoeuvre: the shorter of the first two plans that seeded starts lead to.
+
+        A loop of size s moves a driftless system by s² along its brackets, so the starts shrink like √distance.
+        """
+        found: list[Control] = []
+        for seed in range(SEEDS):
+            random = np.random.default_rng(self.base.seed + seed)
+            tried = self._try(replace(part, initial=drawn(part, random, size)), seed)
+            if tried.outcome is Outcome.INTERRUPTED:
+                raise KeyboardInterrupt
+            if tried.outcome is Outcome.CONVERGED:
+                found.append(tried.control)
+            if len(found) == 2:
+                break
+        return min(found, key=lambda control: control.effort, default=None)
+
+    def _joined(self, controls: list[Control]) -> Found:
+        """The manoeuvres as one control over the problem's horizon, corrected as one."""
+        weights = np.sqrt([control.effort for control in controls])
+        shares = self.problem.horizon.fixed * weights / weights.sum()
+        joined = join([retimed(control, share) for control, share in zip(controls, shares, strict=True)])
+        integrator = self.base.integrator
+        if isinstance(integrator, RungeKutta4):
+            integrator = RungeKutta4(int(integrator.steps * weights.sum() / weights.min()))
+        return self._solve(replace(self.base, integrator=integrator), begun_from(self.problem, joined))
+
+    def _walk(self, nearest: Found) -> Found | None:
+        """Goal continuation: from the pose that a start reaches to the goal, in steps that succeed."""
+        problem = self.problem
+        here = end_of(problem, nearest.control, self.base.integrator)
+        coefficients, share, step = np.array(nearest.control.coefficients), 0.0, 0.5
+        while np.isfinite(here).all() and share < 1.0 and step > 0.5**HALVINGS:
             towards = min(1.0, share + step)
-            pose = space.unpack(np.asarray(space.retract(here, towards * tangent)))
-            tried = replace(problem, goal=pose if towards < 1.0 else problem.goal, initial=coefficients)
-            solution = replace(self.continuation, objective="none").solve(tried, progress)
-            if solution.outcome is Outcome.CONVERGED:
-                coefficients, share, step = np.array(solution.control.coefficients), towards, 1.5 * step
+            goal = problem.goal if towards == 1.0 else self._between(here, towards)
+            if goal is None:
+                return None
+            found = self._try(replace(problem, goal=goal, initial=coefficients), 0)
+            if found.outcome is Outcome.INTERRUPTED:
+                raise KeyboardInterrupt
+            if found.outcome is Outcome.CONVERGED:
+                coefficients, share, step = np.array(found.control.coefficients), towards, 1.5 * step
             else:
                 step *= 0.5
-        return self.continuation.solve(replace(problem, initial=coefficients), progress)
+        return self._solve(self.base, replace(problem, initial=coefficients))
 
-    def _manoeuvres(
-        self, problem: PlanningProblem, pieces: int, progress: Progress | None
-    ) -> Solution | None:
-        """The geodesic in pieces, one plan after another; None where a piece cannot be planned."""
-        space, horizon = problem.system.state_space, problem.horizon.fixed / pieces
+    def _between(self, here: Array, share: float) -> dict[str, Array] | None:
+        """The state at a share of the geodesic to the goal; None where it has two (a half turn) or is no state."""
+        if not set(self.problem.goal) <= set(self.space.names):
+            return None
         try:
-            tangent = space.difference(problem.goal_point, problem.start_point)
+            tangent = self.space.difference(self.problem.goal_point, here)
         except OrientationAtPiError:
             return None
-        here, controls = problem.start_point, []
-        for piece in range(1, pieces + 1):
-            pose = space.unpack(np.asarray(space.retract(problem.start_point, piece / pieces * tangent)))
-            goal = {name: pose[name] for name in problem.goal} if piece < pieces else problem.goal
-            part = replace(
-                problem,
-                start=space.unpack(here),
-                goal=goal,
-                horizon=Horizon(horizon),
-                initial=None,
-                bounds=(),
-                via=(),
-            )
-            found = self._piece(part, progress)
-            if found is None:
-                return None
-            controls.append(found.control)
-            here = self._end(part, found.control)
-        joined = join(controls)
-        whole = replace(problem, basis=joined.basis, initial=joined.coefficients)
-        objective = self.continuation.objective
-        # every piece was planned with the solver's own number of steps
-        integrator = self.continuation.integrator
-        if isinstance(integrator, RungeKutta4):
-            integrator = RungeKutta4(pieces * integrator.steps)
-        solver = replace(
-            self.continuation, objective="effort" if objective == "none" else objective, integrator=integrator
-        )
-        return replace(solver.solve(whole, progress), problem=problem)
-
-    def _piece(self, part: PlanningProblem, progress: Progress | None) -> Solution | None:
-        """One manoeuvre: the shortest of the plans that the first seeds find."""
-        solver = replace(self.continuation, objective="none", max_iterations=EVALUATIONS)
-        shape = (part.system.input_space.size, part.basis.size)
-        found = []
-        for seed in range(SEEDS):
-            random = np.random.default_rng(self.continuation.seed + seed)
-            start = random.normal(0.0, SPREAD / part.horizon.fixed, shape)
-            solution = solver.solve(replace(part, initial=start), progress)
-            if solution.outcome is Outcome.CONVERGED and self._confirmed(part, solution.control):
-                found.append(solution)
-            if len(found) == 2 or solution.outcome is Outcome.INTERRUPTED:
-                break
-        return min(found, key=lambda solution: solution.control.effort, default=None)
-
-    def _end(self, problem: PlanningProblem, control: Control) -> Array:
-        """Where a control leads, with finer steps than the claim's."""
-        steps = FINER * getattr(self.continuation.integrator, "steps", 100)
-        flow = RungeKutta4(steps).flow(
-            numeric_system(problem.system).rate_function, control.basis, control.horizon
-        )
-        return flow.end(problem.start_point, control.coefficients)
-
-    def _confirmed(self, problem: PlanningProblem, control: Control) -> bool:
-        return bool(problem.goal_error(self._end(problem, control)) <= self.tolerance)
+        return dict(self.space.unpack(np.asarray(self.space.retract(here, share * tangent))))

@@ -1,0 +1,64 @@
+"""What a continuation claims, held against a finer simulation before anything is built on it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from nhpocp.arrays import Array
+from nhpocp.controls.control import Control
+from nhpocp.flow.end_point_map import grid_through, stops_of
+from nhpocp.flow.integrators import Integrator, RungeKutta4
+from nhpocp.problem import PlanningProblem
+from nhpocp.solution import Outcome, Progress
+from nhpocp.solvers.continuation import Continuation, Found
+from nhpocp.systems.numeric import numeric_system
+from nhpocp.task import total_error
+
+FINER = 4  # times the steps of a claim, for the check
+CORRECTIONS = 3
+
+
+def confirmed(solver: Continuation, problem: PlanningProblem, progress: Progress | None = None) -> Found:
+    """What a continuation finds; where a simulation with ``FINER`` times the steps refutes it, corrected with those.
+
+    Ends as `not_verified` if `CORRECTIONS` of them do not help.
+    """
+    found = solver.find(problem, progress)
+    for _ in range(CORRECTIONS):
+        if found.outcome is not Outcome.CONVERGED:
+            return found
+        if missed(problem, found.control, solver.integrator) <= solver.tolerance:
+            return found
+        solver = replace(solver, integrator=finer(solver.integrator))
+        again = solver.find(begun_from(problem, found.control), progress)
+        found = replace(again, records=[*found.records, *again.records])
+    return replace(found, outcome=Outcome.NOT_VERIFIED)
+
+
+def begun_from(problem: PlanningProblem, control: Control) -> PlanningProblem:
+    """The problem with a control that is at hand as its start."""
+    return replace(problem, basis=control.basis, initial=control.coefficients)
+
+
+def missed(problem: PlanningProblem, control: Control, integrator: Integrator) -> float:
+    """E over goal and via poses, with finer steps than a claim's."""
+    way, rate = finer(integrator), numeric_system(problem.system).rate_function
+    shares, horizon = [task.share for task in problem.tasks[:-1]], control.horizon
+    times = grid_through(way.grid(control.basis, horizon), shares, horizon)
+    path = way.flow(rate, control.basis, horizon, times).states(problem.start_point, control.coefficients)
+    return total_error(problem.tasks, path[list(stops_of(times, shares, horizon))])
+
+
+def end_of(problem: PlanningProblem, control: Control, integrator: Integrator) -> Array:
+    """Where a control leads, with finer steps than a claim's, as a point of the state space; NaN where it is none."""
+    rate = numeric_system(problem.system).rate_function
+    flow = finer(integrator).flow(rate, control.basis, control.horizon)
+    end = flow.end(problem.start_point, control.coefficients)
+    return problem.system.state_space.nearest(end) if np.isfinite(end).all() else end
+
+
+def finer(integrator: Integrator) -> Integrator:
+    """Runge and Kutta's with ``FINER`` times the steps, which takes controls with jumps too."""
+    return RungeKutta4(FINER * getattr(integrator, "steps", 100))

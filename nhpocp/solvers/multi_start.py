@@ -1,0 +1,84 @@
+"""Several starts of one continuation, the later ones side by side."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, ProcessPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar
+
+from nhpocp.problem import PlanningProblem
+from nhpocp.solution import Outcome, Progress, Solution
+from nhpocp.solvers.claims import confirmed
+from nhpocp.solvers.continuation import Continuation, Found, solution
+from nhpocp.solvers.interruption import Interruption
+
+
+def processes() -> Executor:
+    """A process for every core."""
+    return ProcessPoolExecutor(os.cpu_count())
+
+
+@dataclass(frozen=True)
+class MultiStart:
+    """Solver: the continuation from ``starts`` controls; the first that reaches the goal counts, in their order.
+
+    Start 1 is the problem's own, the others are seeded (`initial: auto` with the seeds after the solver's). Start 1
+    runs here; only if it fails are the others handed to what ``executor`` makes. The result does not depend on it.
+    """
+
+    continuation: Continuation = field(default_factory=Continuation)
+    starts: int = 8
+    executor: Callable[[], Executor] = processes
+    name: ClassVar[str] = "jacobian"
+
+    @property
+    def tolerance(self) -> float:
+        return self.continuation.tolerance
+
+    def settings(self) -> dict[str, Any]:
+        return {**self.continuation.settings(), "starts": self.starts}
+
+    def solve(self, problem: PlanningProblem, progress: Progress | None = None) -> Solution:
+        with Interruption() as interruption:
+            return solution(self, problem, self._found(problem, progress, interruption))
+
+    def _found(
+        self, problem: PlanningProblem, progress: Progress | None, interruption: Interruption
+    ) -> Found:
+        found = [confirmed(self.continuation, problem, progress)]
+        if found[0].outcome not in (Outcome.CONVERGED, Outcome.INTERRUPTED):
+            with self._others(problem) as others:
+                for other in others:
+                    found.append(other)
+                    if other.outcome is Outcome.CONVERGED or interruption.noted:
+                        break
+        best = found[-1] if found[-1].outcome is Outcome.CONVERGED else min(found, key=lambda one: one.rank)
+        tried = [
+            {
+                "way": f"start {i}",
+                "outcome": one.outcome.value,
+                "error": one.error,
+                "evaluations": len(one.records),
+            }
+            for i, one in enumerate(found, 1)
+        ]
+        records = [{**record, "attempt": i} for i, one in enumerate(found) for record in one.records]
+        message = f"{best.message}; start {found.index(best) + 1} of {self.starts}"
+        return replace(best, message=message, records=records, details={**best.details, "tried": tried})
+
+    @contextmanager
+    def _others(self, problem: PlanningProblem) -> Iterator[Iterator[Found]]:
+        """Starts 2, 3, … in order; those not yet begun are given up on leaving."""
+        executor, base = self.executor(), self.continuation
+        seeded = replace(problem, initial=None, source=None, solvers={})
+        jobs = [
+            executor.submit(confirmed, replace(base, seed=base.seed + start), seeded)
+            for start in range(1, self.starts)
+        ]
+        try:
+            yield (job.result() for job in jobs)
+        finally:
+            executor.shutdown(wait=True, cancel_futures=True)

@@ -1,0 +1,87 @@
+"""Goals for benchmarks: reachable by construction, or drawn from a robot's workspace; the same for the same seed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from nhpocp import so3
+from nhpocp.flow.integrators import RungeKutta4
+from nhpocp.problem import PlanningProblem
+from nhpocp.systems.numeric import numeric_system
+from nhpocp.systems.three_upu import ThreeUPU
+
+PAPER_START = np.array([[0, 0.5, 0, 0, 0], [0, 0.5, 0, 0, 0], [1, 0, 0.5, 0, 0]])  # Λ₀ of [Paper] section 4
+NOISE = (0.3, 0.6)  # standard deviations of a coefficient, in turn
+CLEAR = {
+    "sigma_s": 0.05,
+    "sigma_w": 0.02,
+}  # least margins along the path that makes a goal, lengths divided by …
+CLEAR_LENGTH = 10.0  # … this one
+RADIUS, HEIGHT, TILT, YAW = 8.0, (18.0, 40.0), np.radians(30), np.radians((-120, 20))
+
+ROBOTS: dict[str, dict[str, Any]] = {name: {"preset": name} for name in ThreeUPU.presets} | {
+    "hostile": {
+        "base_radius": 10.0,
+        "platform_radius": 5.0,
+        "roller_tilt": np.pi / 2,
+        "platform_axis": "normal",
+    }
+}
+
+
+def robot(name: str) -> ThreeUPU:
+    """One of `ROBOTS`."""
+    parameters = dict(ROBOTS[name])
+    preset = parameters.pop("preset", "default")
+    return ThreeUPU.preset(preset, **parameters)
+
+
+def paper_task(name: str, **changes: Any) -> PlanningProblem:
+    """The paper's start pose and Λ₀ on one of `ROBOTS`; the paper's goal unless changed."""
+    turned = {yaw: so3.from_rpy(np.array([0.0, 0.0, yaw])) for yaw in (-np.pi / 6, -np.pi / 2)}
+    values: dict[str, Any] = {
+        "system": robot(name),
+        "start": {"position": [0, 0, 25], "orientation": turned[-np.pi / 6]},
+        "goal": {"position": [-0.4, -0.2, 35], "orientation": turned[-np.pi / 2]},
+        "initial": PAPER_START,
+        "pictures": False,
+        "name": name,
+    }
+    return PlanningProblem(**{**values, **changes})
+
+
+def reachable_goals(problem: PlanningProblem, count: int, seed: int = 0) -> list[Mapping[str, Any]]:
+    """End points of the problem's Λ₀ plus noise, of paths that stay clear of the singular surfaces."""
+    random, numeric = np.random.default_rng(seed), numeric_system(problem.system)
+    flow = RungeKutta4(200).flow(numeric.rate_function, problem.basis, problem.horizon.fixed)
+    goals: list[Mapping[str, Any]] = []
+    while len(goals) < count:
+        noise = random.normal(0.0, NOISE[len(goals) % len(NOISE)], np.shape(problem.initial))
+        path = flow.states(problem.start_point, problem.initial + noise)
+        if not np.isfinite(path).all():
+            continue
+        margins = numeric.margins(path, CLEAR_LENGTH)
+        one_side = all(np.all(v * v[0] > 0) for name, v in margins.items() if name.startswith("det"))
+        if one_side and all(margins[name].min() >= least for name, least in CLEAR.items()):
+            space = problem.system.state_space
+            goals.append(space.unpack(space.nearest(path[-1])))
+    return goals
+
+
+def workspace_goal(problem: PlanningProblem, seed: int) -> Mapping[str, Any]:
+    """A pose of the workspace on the start's side of det S = 0 and det W = 0."""
+    random, numeric = np.random.default_rng(seed), numeric_system(problem.system)
+    while True:
+        heading = random.uniform(0, 2 * np.pi)
+        tilt = random.uniform(0, TILT) * np.array([np.cos(heading), np.sin(heading), 0.0])
+        goal = {
+            "position": np.array([*random.uniform(-RADIUS, RADIUS, 2), random.uniform(*HEIGHT)]),
+            "orientation": so3.exp(tilt) @ so3.from_rpy(np.array([0.0, 0.0, random.uniform(*YAW)])),
+        }
+        point = problem.system.state_space.pack(goal)
+        determinants = numeric.determinants(np.stack([problem.start_point, point]))
+        if all(there * here > 0 for here, there in determinants.values()):
+            return goal

@@ -1,0 +1,64 @@
+"""`starts`: the first of several starts that reaches the goal, the same on any executor."""
+
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+from conftest import paper_problem
+
+from nhpocp import planning
+from nhpocp.problem_file import parse_problem
+from nhpocp.solution import Outcome
+from nhpocp.solvers.continuation import Continuation
+from nhpocp.solvers.multi_start import MultiStart, processes
+from nhpocp.solvers.step_rules import Adaptive
+
+
+def one_thread():
+    return ThreadPoolExecutor(1)
+
+
+@pytest.mark.parametrize("executor", [one_thread, processes])
+def test_the_first_that_reaches_the_goal_in_their_order(executor):
+    """Λ0 = 0 has no rank; start 2 is the seeded one that `initial: auto` with seed 1 draws."""
+    problem = paper_problem(initial=np.zeros((3, 5)))
+    rule = Continuation(step_rule=Adaptive())
+    solution = planning.solve(problem, MultiStart(rule, 4, executor))
+    assert solution.converged
+    tried = solution.details["tried"]
+    assert [entry["outcome"] for entry in tried] == ["rank_deficient", "converged"]
+    assert "start 2 of 4" in solution.message
+    alone = planning.solve(paper_problem(initial=None), Continuation(step_rule=Adaptive(), seed=1))
+    np.testing.assert_array_equal(solution.control.coefficients, alone.control.coefficients)
+
+
+def test_a_good_start_needs_no_other(problem):
+    def none():
+        raise AssertionError("no executor is needed")
+
+    solution = planning.solve(problem, MultiStart(Continuation(step_rule=Adaptive()), 8, none))
+    assert solution.converged
+    assert len(solution.details["tried"]) == 1
+
+
+def test_if_none_reaches_the_goal_the_nearest_is_kept(problem):
+    solver = MultiStart(Continuation(step_rule=Adaptive(), max_iterations=1), 3, one_thread)
+    solution = planning.solve(problem, solver)
+    assert solution.outcome is Outcome.ITERATION_LIMIT
+    errors = [entry["error"] for entry in solution.details["tried"]]
+    assert len(errors) == 3
+    assert solution.final_error == min(errors)
+    assert sum(entry["evaluations"] for entry in solution.details["tried"]) == solution.evaluations
+
+
+def test_starts_in_a_file():
+    text = """
+nhpocp: 1
+system: {model: three_upu}
+start: {position: [0, 0, 25], orientation: {rpy: [0, 0, -pi/6]}}
+goal: {position: [-0.4, -0.2, 35], orientation: {rpy: [0, 0, -pi/2]}}
+solvers: {jacobian: {starts: 3, step_rule: adaptive}}
+"""
+    solver = parse_problem(text).solvers["jacobian"]
+    assert isinstance(solver, MultiStart)
+    assert solver.settings()["starts"] == 3
