@@ -224,7 +224,7 @@ def test_a_bad_override_names_itself(override, path, message) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "path", "message"),
     [
-        ("solvers:", "solvers:\n  compile: always", "solvers.compile", "compile 'always' is not available"),
+        ("output:", "  compile: always\noutput:", "solvers.compile", "compile 'always' is not available"),
     ],
 )  # fmt: skip
 def test_what_is_legal_but_not_built_yet_validates_and_is_refused_with_its_place(

@@ -230,7 +230,7 @@ def _least_of_pieces(
     """The minimiser z of ½ zᵀHz + slope·z + ½ weight Σ max(0, excess - rows z)², and that minimum.
 
     Convex and quadratic in pieces: Newton's method from piece to piece, with the exact minimum along each step, ends
-    after finitely many. [Mangasarian 2006]
+    after finitely many. [J. Sun, On piecewise quadratic Newton and trust region problems, Math. Programming 76, 1997]
     """
 
     def derivative(z: Array) -> tuple[Array, Array]:
