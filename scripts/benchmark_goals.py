@@ -37,7 +37,7 @@ from nhpocp.solvers.strategies import Auto
 
 Row = dict[str, Any]
 INTERVALS = 50  # of the NLP, per manoeuvre of the plan that it starts from
-MOST_INTERVALS = 200
+MOST_INTERVALS = 100
 
 REACHABLE: dict[str, Callable[[], Solver]] = {
     "auto": Auto,
@@ -93,19 +93,16 @@ def workspace(number: int, iterations: int) -> list[Row]:
     rows = []
     row, plan = solved(problem, Auto(), "auto", **names)
     rows.append(row)
-    row, best = solved(
-        problem, Auto(Continuation(step_rule=Adaptive(), objective="effort")), "auto, effort", **names
-    )
-    rows.append(row)
+    cheap = Auto(Continuation(step_rule=Adaptive(), objective="effort"))
+    rows.append(solved(problem, cheap, "auto, effort", **names)[0])
     rows.append(
         solved(problem, MultipleShooting(intervals=INTERVALS, optimizer=optimizer), "nlp", **names)[0]
     )
-    for method, from_plan in (("nlp from auto", plan), ("nlp from auto, effort", best)):
-        if from_plan.converged:
-            pieces = len(getattr(from_plan.control.basis, "bases", (None,)))
-            intervals = min(MOST_INTERVALS, INTERVALS * pieces)
-            warm = MultipleShooting(intervals=intervals, guess=Given(from_plan.control), optimizer=optimizer)
-            rows.append(solved(problem, warm, method, **names)[0])
+    if plan.converged:
+        pieces = len(getattr(plan.control.basis, "bases", (None,)))
+        intervals = min(MOST_INTERVALS, INTERVALS * pieces)
+        warm = MultipleShooting(intervals=intervals, guess=Given(plan.control), optimizer=optimizer)
+        rows.append(solved(problem, warm, "nlp from auto", **names)[0])
     return rows
 
 
@@ -128,7 +125,8 @@ def run(arguments: argparse.Namespace) -> list[Row]:
     file = arguments.output / f"goals-{arguments.part}.jsonl"
     rows = [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
     done = {(row["robot"], row["goal"]) for row in rows}
-    wanted = [task for task in tasks(arguments) if task[2] not in done]
+    asked = list(tasks(arguments))
+    wanted = [task for task in asked if task[2] not in done]
     with ProcessPoolExecutor(arguments.workers) as pool, file.open("a") as target:
         for number, future in enumerate(as_completed([pool.submit(f, *a) for f, a, _ in wanted]), 1):
             for row in future.result():
@@ -136,7 +134,7 @@ def run(arguments: argparse.Namespace) -> list[Row]:
                 target.write(json.dumps(row) + "\n")
             target.flush()
             print(f"{number} of {len(wanted)}", end="\r", flush=True)
-    keys = {task[2] for task in tasks(arguments)}
+    keys = {task[2] for task in asked}
     return [row for row in rows if (row["robot"], row["goal"]) in keys]
 
 

@@ -31,9 +31,12 @@ def confirmed(solver: Continuation, problem: PlanningProblem, progress: Progress
             return found
         if missed(problem, found.control, solver.integrator) <= solver.tolerance:
             return found
-        solver = replace(solver, integrator=finer(solver.integrator))
+        # what was found is near enough to the least cost; only the goal, and the bounds, are missed
+        solver = replace(solver, integrator=finer(solver.integrator), objective="none")
         again = solver.find(begun_from(problem, found.control), progress)
-        found = replace(again, records=[*found.records, *again.records])
+        message = f"{found.message}; with finer steps {again.message}"
+        details = {**found.details, **again.details}
+        found = replace(again, message=message, details=details, records=[*found.records, *again.records])
     return replace(found, outcome=Outcome.NOT_VERIFIED)
 
 

@@ -28,11 +28,14 @@ from nhpocp.solvers.generalized_inverses import (
     Metric,
     MoorePenrose,
 )
-from nhpocp.solvers.improvement import Improvement, LimitReached
+from nhpocp.solvers.improvement import Improvement
 from nhpocp.solvers.initial_control import NoStartError, initial_coefficients
 from nhpocp.solvers.interruption import Interruption
+from nhpocp.solvers.null_space import LimitReached
+from nhpocp.solvers.resolution import Resolution
 from nhpocp.solvers.step_rules import Euler, StepRule
 
+RESOLVED = 0.25  # of the tolerance: the error of integration that a search for less may run into
 DIVERGED_ABOVE = 1e3  # times (1 + the first error): far outside any workspace
 STAGNATION_WINDOW = 50  # updates
 STAGNATION_SHARE = 0.01  # of the decay that the step sizes promise
@@ -196,16 +199,21 @@ class _Run:
 
     def improve(self, reached: Evaluation, message: str) -> tuple[Outcome, str]:
         """Every bound, and the least cost, without leaving the goal; the better control becomes the current one."""
+        solver = self.solver
+        resolution = Resolution(self.problem, solver.integrator, self.horizon)
+        at_first = resolution.error(reached.coefficients, reached.end.state)
+        allowed = max(RESOLVED * solver.tolerance, 2.0 * at_first)
 
         def attempt(coefficients: Array) -> Evaluation | None:
             try:
-                return self.evaluate(coefficients, 0.0)
+                tried = self.evaluate(coefficients, 0.0)
             except RuntimeError:  # a trial that CasADi cannot integrate
                 if self.interruption.noted:
                     raise
                 return None
+            resolved = not tried.failure and resolution.error(coefficients, tried.end.state) <= allowed
+            return tried if resolved else None
 
-        solver = self.solver
         self.limit += solver.max_iterations  # bounds each of the two phases
         search = Improvement(
             self.problem,

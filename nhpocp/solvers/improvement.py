@@ -17,16 +17,12 @@ from nhpocp.solvers.end_point_error import EndPointError
 from nhpocp.solvers.evaluation import Evaluation
 from nhpocp.solvers.generalized_inverses import L2Metric
 from nhpocp.solvers.multipliers import rounds
-from nhpocp.solvers.null_space import Cost, NoSurfaceError, NullSpaceResult, minimise
+from nhpocp.solvers.null_space import Cost, LimitReached, NoSurfaceError, NullSpaceResult, minimise
 from nhpocp.solvers.path_rows import FORGIVEN, INSIDE, PathRows, worst
 
 HELD = 1e-6  # of a limit: a violation that is rounding; verification forgives a thousand times as much
 
 Try = Callable[[Array], Evaluation | None]  # Λ ↦ where it leads; None where it cannot be integrated
-
-
-class LimitReached(Exception):
-    """More evaluations were asked for than allowed."""
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,9 @@ RowSlopes = Callable[[Array], Array]  # y ↦ ∂g/∂y
 
 
 HALVINGS = 16  # of a step, before the model counts as wrong
-REACH = 3.0
+REACH = 3.0  # times the last step that was kept
+FIRST_REACH = 0.5  # times the size of y
+FAR = 1.0  # of e, dimensionless: where the model of the surface is no guide back to it
 NOTHING = 1e-14  # of the merit: a promise not worth a step
 FLATTEST, STEEPEST = 1e-4, 1e5  # curvatures of the model, times its first one, beyond which it begins again
 
@@ -51,6 +53,10 @@ class NullSpaceResult:
     rows: Array = field(repr=False)  # g there; empty without a penalty
 
 
+class LimitReached(Exception):
+    """More evaluations were asked for than allowed."""
+
+
 class NoSurfaceError(ValueError):
     """No usable control that reaches the goal near the one that the search was to begin with."""
 
@@ -79,7 +85,7 @@ def minimise(
     Errors: `NoSurfaceError`.
     """
     search = _Search(constraint, cost, penalty, goal)
-    point = search.restored(y)
+    point = search.restored(y, far=np.inf)
     if point is None:
         raise NoSurfaceError("the search must start near a usable control that reaches the goal")
     first = curvature * np.eye(len(y))
@@ -92,7 +98,10 @@ def minimise(
         step, promised = point.step(model)
         if promised <= NOTHING * abs(point.merit):
             return search.result(point, True, history, model)
-        there = search.along(point, step, promised)
+        try:
+            there = search.along(point, step, promised)
+        except LimitReached:  # what was found so far is kept
+            break
         if there is None and fresh:
             break
         if there is None:  # the model was at fault: begin again from its exact part
@@ -171,10 +180,10 @@ class _Search:
     def __init__(self, constraint: Constraint, cost: Cost, penalty: Penalty | None, goal: float) -> None:
         self.constraint, self.cost, self.penalty, self.goal = constraint, cost, penalty, goal
         self.evaluations = 0
-        self.reach = np.inf  # the longest step that is tried, from what the last one told
+        self.reach: float | None = None  # the longest step that is tried, from what the last one told
 
-    def restored(self, y: Array, tries: int = 6) -> _Point | None:
-        """The point of the surface that Newton's method finds from y; None if it does not come nearer."""
+    def restored(self, y: Array, tries: int = 6, far: float = FAR) -> _Point | None:
+        """The point of the surface that Newton's method finds from y; None if it is too far or does not come nearer."""
         last = np.inf
         for _ in range(tries):
             self.evaluations += 1
@@ -185,7 +194,7 @@ class _Search:
             size = float(np.linalg.norm(e))
             if size < self.goal:
                 return self._point(y, e, J)
-            if size > 0.5 * last:
+            if size > min(0.5 * last, far):
                 return None
             last = size
             y = y - np.linalg.lstsq(J, e, rcond=None)[0]
@@ -204,7 +213,8 @@ class _Search:
         ``REACH`` times as long as the last that was kept.
         """
         length = float(np.linalg.norm(step))
-        share = min(1.0, self.reach / length) if length > 0 else 1.0
+        reach = self.reach or FIRST_REACH * (1.0 + float(np.linalg.norm(point.y)))
+        share = min(1.0, reach / length) if length > 0 else 1.0
         for _ in range(HALVINGS):
             there = self.restored(point.y + share * step)
             if there:

@@ -125,7 +125,7 @@ class _Search:
             tried = problem if start == 0 else replace(problem, initial=None)
             found = self._try(tried, start)
             starts.append(found)
-            yield own if start == 0 else f"seeded start {start}", self._finished(found)
+            yield own if start == 0 else f"seeded start {start}", self._finished(found, self.base)
         joined = self._manoeuvres()
         if joined is not None:
             yield f"{len(joined.control.basis.bases)} manoeuvres in sequence", joined  # type: ignore[attr-defined]
@@ -148,13 +148,21 @@ class _Search:
         solver = replace(self.base, objective="none", max_iterations=limit, seed=self.base.seed + seed)
         return self._solve(solver, replace(problem, bounds=()))
 
-    def _finished(self, found: Found) -> Found:
-        """The second phase, for a try that has reached the goal: least cost, and the bounds."""
-        if found.outcome is not Outcome.CONVERGED or (
-            self.base.objective == "none" and not self.problem.bounds
-        ):
+    def _finished(self, found: Found, solver: Continuation) -> Found:
+        """The second phase, for a try that has reached the goal: least cost, and the bounds.
+
+        What had reached the goal is kept where the second phase ends with a claim that finer steps refute.
+        """
+        if found.outcome is not Outcome.CONVERGED or (solver.objective == "none" and not self.problem.bounds):
             return found
-        return self._solve(self.base, begun_from(self.problem, found.control))
+        second = self._solve(solver, begun_from(self.problem, found.control))
+        if second.outcome in (Outcome.CONVERGED, Outcome.CONSTRAINT_VIOLATED, Outcome.INTERRUPTED):
+            return second
+        if self.problem.bounds:
+            return replace(second, outcome=Outcome.CONSTRAINT_VIOLATED)
+        return replace(
+            found, message=f"{found.message}; finer steps refuted the search for less {solver.objective}"
+        )
 
     def _manoeuvres(self) -> Found | None:
         """One plan after another along the geodesic to the goal, each as far as it succeeds; None if one gets stuck.
@@ -208,7 +216,9 @@ class _Search:
         integrator = self.base.integrator
         if isinstance(integrator, RungeKutta4):
             integrator = RungeKutta4(int(integrator.steps * weights.sum() / weights.min()))
-        return self._solve(replace(self.base, integrator=integrator), begun_from(self.problem, joined))
+        solver = replace(self.base, integrator=integrator)
+        whole = replace(begun_from(self.problem, joined), bounds=())
+        return self._finished(self._solve(replace(solver, objective="none"), whole), solver)
 
     def _walk(self, nearest: Found) -> Found | None:
         """Goal continuation: from the pose that a start reaches to the goal, in steps that succeed."""
@@ -227,7 +237,8 @@ class _Search:
                 coefficients, share, step = np.array(found.control.coefficients), towards, 1.5 * step
             else:
                 step *= 0.5
-        return self._solve(self.base, replace(problem, initial=coefficients))
+        arrived = self._try(replace(problem, initial=coefficients), 0)
+        return self._finished(arrived, self.base)
 
     def _between(self, here: Array, share: float) -> dict[str, Array] | None:
         """The state at a share of the geodesic to the goal; None where it has two (a half turn) or is no state."""
