@@ -96,13 +96,18 @@ def _broken_bounds(problem: PlanningProblem, numeric: NumericSystem, ends: Array
 
 def _opposite_signs(problem: PlanningProblem, numeric: NumericSystem, ends: Array) -> str:
     """Determinants that no path of the machine changes for good, and that differ in sign at the goal."""
-    margins = numeric.margins(ends, problem.scale)
-    sentences = []
-    for name in problem.system.separating():
+    margins, system = numeric.margins(ends, problem.scale), problem.system
+    sentences = {}
+    for name in system.separating():
         first, last = margins[f"det_{name}"]
         if first * last < 0 and margins[f"sigma_{name}"].min() > ON_THE_SURFACE:
-            sentences.append(f"det {name.upper()} is {first:.3g} at the start and {last:.3g} at the goal")
-    return "; ".join(sentences)
+            sentences[name] = f"det {name.upper()} is {first:.3g} at the start and {last:.3g} at the goal"
+    found = "; ".join(sentences.values())
+    if getattr(system, "form", None) == "feedback" and not set(sentences) & set(
+        system.with_form("original").separating()  # type: ignore[attr-defined]
+    ):
+        found += ", which eq. (7) cannot cross; `form: original` may" if found else ""
+    return found
 
 
 def _unsolved(problem: PlanningProblem, solver: Solver, outcome: Outcome, message: str) -> Solution:

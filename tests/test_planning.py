@@ -1,15 +1,20 @@
 """What `solve` refuses before a solver starts, and what it makes of a solver's claim."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from conftest import paper_problem, yaw
 
 from nhpocp import planning
 from nhpocp.constraints import Bound
+from nhpocp.flow.integrators import RungeKutta4
 from nhpocp.solution import Outcome
 from nhpocp.solvers.continuation import Continuation
 from nhpocp.solvers.multiple_shooting import MultipleShooting
 from nhpocp.solvers.step_rules import Euler
+from nhpocp.solvers.strategies import Auto
+from nhpocp.systems.numeric import numeric_system
 
 SOLVERS = [Continuation(step_rule=Euler(1.0)), MultipleShooting()]
 
@@ -26,7 +31,8 @@ def test_a_goal_out_of_the_legs_reach_is_infeasible_at_once(solver):
 
 def test_bounds_on_speeds_are_no_matter_of_the_ends():
     bounds = [Bound("leg_speed", "u", -1e-3, 1e-3), Bound("control", "v", -1e-3, 1e-3)]
-    solution = planning.solve(paper_problem(bounds=bounds), SOLVERS[0])
+    short = Continuation(step_rule=Euler(1.0), max_iterations=40)  # no control keeps them; why search long
+    solution = planning.solve(paper_problem(bounds=bounds), short)
     assert solution.outcome is Outcome.CONSTRAINT_VIOLATED
 
 
@@ -44,3 +50,27 @@ def test_the_problems_own_solver_is_the_default():
     problem = paper_problem(solvers={"jacobian": Continuation(step_rule=Euler(0.5))})
     assert planning.solve(problem).evaluations == 12
     assert planning.solve(paper_problem()).evaluations == 70
+
+
+# goes round det W = 0 and through det S = 0 [leg speeds u, Fourier h = 2]
+THROUGH_DET_S = np.array(
+    [[-2.78, -0.2, 2.85, 4.15, 0.36], [2.71, 5.91, -0.69, -0.97, 0.33], [-9.83, 2.38, 2.24, 8.0, -5.49]]
+)
+
+
+def test_a_goal_across_det_s_alone_is_reached_in_the_original_form():
+    """(7) cannot pass det S = 0; (3) needs det W ≠ 0 only. The goal is the end of a path that does."""
+    problem = paper_problem("paper_conjecture", form="original", initial=THROUGH_DET_S)
+    numeric, space = numeric_system(problem.system), problem.system.state_space
+    flow = RungeKutta4(400).flow(numeric.rate_function, problem.basis, 1.0)
+    goal = space.unpack(space.nearest(flow.end(problem.start_point, THROUGH_DET_S)))
+    refused = planning.solve(paper_problem("paper_conjecture", goal=goal), Continuation())
+    assert refused.outcome is Outcome.OTHER_COMPONENT
+    assert "det S is" in refused.message
+    assert "`form: original`" in refused.message
+    start = THROUGH_DET_S + np.random.default_rng(2).normal(0, 0.6, (3, 5))
+    found = planning.solve(replace(problem, goal=goal, initial=start), Auto())
+    assert found.converged, found.message
+    determinants = found.trajectory["det_s"]
+    assert determinants[0] * determinants[-1] < 0
+    assert (found.trajectory["det_w"] * found.trajectory["det_w"][0] > 0).all()

@@ -26,6 +26,7 @@ PIECES = 32  # at most
 SEEDS = 8  # per manoeuvre
 EVALUATIONS = 25  # per try: starts that lead to the goal need 5 to 20
 HALVINGS = 6  # of a part of the geodesic
+STEPS_PER_PIECE = 0.4  # of the steps of a whole plan, for the shortest manoeuvre of a sequence
 BUDGET = 3000  # evaluations, after which no new try begins
 
 
@@ -215,7 +216,7 @@ class _Search:
         joined = join([retimed(control, share) for control, share in zip(controls, shares, strict=True)])
         integrator = self.base.integrator
         if isinstance(integrator, RungeKutta4):
-            integrator = RungeKutta4(int(integrator.steps * weights.sum() / weights.min()))
+            integrator = RungeKutta4(int(STEPS_PER_PIECE * integrator.steps * weights.sum() / weights.min()))
         solver = replace(self.base, integrator=integrator)
         whole = replace(begun_from(self.problem, joined), bounds=())
         return self._finished(self._solve(replace(solver, objective="none"), whole), solver)
