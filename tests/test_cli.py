@@ -182,7 +182,12 @@ ENDINGS = {
     Outcome.CONVERGED: [],
     Outcome.OTHER_COMPONENT: BELOW,
     Outcome.ITERATION_LIMIT: ["--set", "solvers.jacobian.max_iterations=1"],
-    Outcome.CONSTRAINT_VIOLATED: ["--set", "constraints.leg_speed=1"],
+    Outcome.CONSTRAINT_VIOLATED: [
+        "--set",
+        "constraints.leg_speed=1",
+        "--set",
+        "solvers.jacobian={gamma: 1, max_iterations: 40}",
+    ],
     Outcome.SINGULAR_S: ["--set", "control.initial=[[0,0,0,0,0], [0,0,0,0,0], [99,99,99,0,0]]"],
 }
 

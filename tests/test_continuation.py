@@ -220,7 +220,7 @@ def test_ends_not_verified_when_the_integration_was_too_coarse(problem):
 
 def test_ends_constraint_violated(problem):
     bounds = [Bound("leg_speed", "u", -20.0, 20.0)]
-    solution = solved(paper_problem(bounds=bounds), step_rule=Euler(1.0))
+    solution = solved(paper_problem(bounds=bounds), step_rule=Euler(1.0), max_iterations=40)
     assert solution.outcome is Outcome.CONSTRAINT_VIOLATED
     assert "leg_speed[" in solution.message
 
