@@ -207,7 +207,7 @@ class _Search:
         joined = join([retimed(control, share) for control, share in zip(controls, shares, strict=True)])
         integrator = self.base.integrator
         if isinstance(integrator, RungeKutta4):
-            integrator = RungeKutta4(int(integrator.steps * weights.sum() / weights.min()))
+            integrator = replace(integrator, steps=int(integrator.steps * weights.sum() / weights.min()))
         return self._solve(replace(self.base, integrator=integrator), begun_from(self.problem, joined))
 
     def _walk(self, nearest: Found) -> Found | None:

@@ -293,7 +293,7 @@ class ThreeUPU(System):
 
     def linearised(self, state: Array, control: Array) -> tuple[Array, Array]:
         if self.form != "feedback":
-            return super().linearised(state, control)
+            return self._linearised_original(state, control)
         # S ṗ = J v differentiated with ṗ held: d(S⁻¹ J v) = -S⁻¹ d(S ṗ - J v), a third of the operations
         xp = symbolic()
         held = xp.symbol(3)
@@ -307,6 +307,15 @@ class ThreeUPU(System):
             xp.block([[-solve_3x3(s, change)], [of_the_turn[0]]]),
             xp.block([[solve_3x3(s, j)], [of_the_turn[1]]]),
         )
+
+    def _linearised_original(self, state: Array, u: Array) -> tuple[Array, Array]:
+        """W (ṗ, ω) = (u, 0) differentiated with (ṗ, ω) held, as above."""
+        xp = symbolic()
+        held, W = xp.symbol(6), self.kinematics(state).W
+        change = xp.substitute(xp.jacobian(W @ held, state), held, self.velocity(state, u))
+        solved = xp.solve(W, xp.block([[-change, xp.eye(6)[:, :3]]]))
+        size = self.state_space.size
+        return solved[:, :size], solved[:, size:]
 
     def vector_fields(self, state: Array) -> Array:
         xp = namespace(state)
