@@ -91,7 +91,7 @@ class Scheme:
         row, tape, h = ca.SX.sym("c", self.size), ca.SX.sym("tape", self.entries, 4), ca.SX.sym("h")
         before, gradients = _pulled(row.T, self._split(tape), h)
         outputs = [ca.densify(before.T), ca.densify(ca.horzcat(*(g.T for g in gradients)))]
-        return ca.Function("pulled_row", [row, tape, h], outputs)
+        return ca.Function("pulled_row", [row, tape, h], ca.cse(outputs))
 
     @cached_property
     def costates(self) -> ca.Sparsity:
@@ -112,7 +112,7 @@ class Scheme:
         entries = ca.SX.sym("c", self.costates.nnz())
         before, gradients = _pulled(ca.SX(self.costates, entries), self._split(tape), h)
         outputs = [_entries(before, self.costates), ca.densify(ca.horzcat(*gradients).T)]
-        return ca.Function("pulled", [entries, tape, h], outputs)
+        return ca.Function("pulled", [entries, tape, h], ca.cse(outputs))
 
     @cached_property
     def blocks(self) -> ca.Function:
@@ -120,7 +120,7 @@ class Scheme:
         tape, h = ca.SX.sym("tape", self.entries, 4), ca.SX.sym("h")
         by_state, by_controls = _pulled(ca.SX.eye(self.size), self._split(tape), h)
         outputs = [ca.densify(by_state.T), ca.densify(ca.horzcat(*by_controls).T)]
-        return ca.Function("blocks", [tape, h], outputs)
+        return ca.Function("blocks", [tape, h], ca.cse(outputs))
 
     def walked(self, start: Array, h: Array, controls: Array) -> tuple[Array, Array]:
         """The path (steps + 1, n) and the slopes of all steps (4 steps, entries); controls (steps, 3, m)."""
