@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
 """Times the ways to the end point and its Jacobian against each other on the paper's task.
 
-The peer is what most users write: the RK4 step folded, and `ca.jacobian` of that. Interleaved rounds, in each of which a
-way is called for a hundredth of a second; medians and ratios to the peer, since absolute times mean little on a shared
-machine. Then how the own ways grow with the number of harmonics and of steps.
+The peer is what most users write: the RK4 step folded, and `ca.jacobian` of that. Interleaved rounds, in each of which
+a way is called for a hundredth of a second; medians and ratios to the peer, since absolute times mean little on a
+shared machine. Then how the own ways grow with the number of harmonics and of steps.
 Run: .venv/bin/python scripts/benchmark_jacobians.py [ROUNDS]
 """
 
@@ -109,7 +109,8 @@ def grow(rounds: int) -> None:
         runs = {}
         for harmonics, steps in cases:
             way = mapped(DifferentiatedEndPointMap, RungeKutta4(steps, kernels), harmonics)
-            runs[f"h={harmonics:<3} N={steps}"] = lambda way=way, given=coefficients(harmonics): way(given)
+            given = coefficients(harmonics)
+            runs[f"h={harmonics:<3} N={steps}"] = lambda way=way, given=given: way(given)
         print(f"rk4, {type(kernels).__name__.lower()}, {rounds} rounds")
         for name, time in seconds(runs, rounds).items():
             print(f"  {name}  median {1e3 * time:8.3f} ms")

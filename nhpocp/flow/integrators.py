@@ -132,12 +132,8 @@ class RungeKuttaFlow:
             self._known = observed, found
         return self._known[1]
 
-    def _controls(self, coefficients: Array) -> Array:
-        """u at the nodes of the control, (nodes, m)."""
-        return np.ascontiguousarray(self._table @ np.asarray(coefficients, dtype=float).T)
-
     def states(self, start: Array, coefficients: Array) -> Array:
-        controls = self._controls(coefficients)[self._nodes]
+        controls = (self._table @ np.asarray(coefficients, dtype=float).T)[self._nodes]
         (walked,) = call(accumulated(runge_kutta_step(self._rate), len(self._h)), start, self._h, controls)
         return np.vstack([start, walked])
 
@@ -151,22 +147,19 @@ class RungeKuttaFlow:
         stops: Sequence[int] = (-1,),
         observed: ca.Function | None = None,
     ) -> tuple[Array, Array]:
-        functions, controls = self._scheme(observed), self._controls(coefficients)
+        functions = self._scheme(observed)
         ends = [range(len(self.times))[stop] for stop in stops]
-        start = np.asarray(start, dtype=float)
-        if len(ends) * functions.rows > np.size(coefficients):
+        start, coefficients = (np.asarray(numbers, dtype=float) for numbers in (start, coefficients))
+        sweep = Sweep(start, self._h, self._nodes, self._table, coefficients, ends)
+        if len(ends) * functions.rows > coefficients.size:
             with np.errstate(all="ignore"):  # a path that runs away is the caller's to judge
-                return self._forwards(functions, start, controls, ends)
-        sweep = Sweep(start, self._h, self._nodes, controls, ends)
-        path, gradients = self._kernels.swept(functions, sweep)
-        derivatives = gradients.reshape(-1, len(self._table)) @ self._table
-        return path, derivatives.reshape(len(ends), functions.rows, -1)
+                return self._forwards(functions, sweep)
+        return self._kernels.swept(functions, sweep)
 
-    def _forwards(
-        self, functions: Scheme, start: Array, controls: Array, ends: Sequence[int]
-    ) -> tuple[Array, Array]:
+    def _forwards(self, functions: Scheme, sweep: Sweep) -> tuple[Array, Array]:
         """dy/dλ from the first step to the last: one pass for any number of stops."""
-        path, tape = functions.walked(start, self._h, controls[self._nodes])
+        path, tape = functions.walked(sweep.start, sweep.h, sweep.controls())
+        ends = list(sweep.stops)
         steps, size, inputs = len(self._h), functions.size, functions.inputs
         by_state, by_controls = call(mapped(functions.blocks, steps), tape, self._h)
         by_state = by_state.reshape(steps, size, size)

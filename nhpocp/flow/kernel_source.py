@@ -84,24 +84,24 @@ static void observe(const double *restrict y, double *restrict matrix) {{
 #undef Y0
 }}
 
-/* nodes: for each step, which controls stand at its start, middle and end. y: steps + 1 states, the first given. */
-CASADI_SYMBOL_EXPORT void nhpocp_states(long long steps, const double *h, const long long *nodes, const double *u,
-                                        double *y) {{
-  double points[4 * N];
-  for (long long k = 0; k < steps; ++k) {{
-    const double *const at[3] = {{u + M * nodes[3 * k], u + M * nodes[3 * k + 1], u + M * nodes[3 * k + 2]}};
-    step(y + N * k, h[k], at, y + N * (k + 1), points);
-  }}
-}}
-
-/* The same, and for each stop the derivatives of the observed rows there by the controls at all nodes,
-   gradients: stops x R x M x count, zero on entry. work: N + M + E doubles a sample, 4 samples a step, whole L. */
-CASADI_SYMBOL_EXPORT void nhpocp_sweep(long long steps, const double *h, const long long *nodes, long long count,
-                                       const double *u, double *y, long long stops, const long long *stop,
-                                       double *work, double *gradients) {{
+/* y: steps + 1 states, the first given. nodes: for each step, which rows of the table of basis functions, count x size,
+   stand at its start, middle and end. derivatives: for each stop, those of the observed rows there by the coefficients,
+   stops x size x R x M. work: (N + M + E) L doubles for every L samples, 4 samples a step, and M (R + 1) a node. */
+CASADI_SYMBOL_EXPORT void nhpocp_sweep(long long steps, const double *h, const long long *nodes,
+                                       long long count, long long size, const double *table, const double *coefficients,
+                                       double *y, long long stops, const long long *stop,
+                                       double *work, double *derivatives) {{
   const long long blocks = (4 * steps + L - 1) / L;
-  double *samples = work, *tape = work + blocks * (N + M) * L;
+  double *samples = work, *tape = samples + blocks * (N + M) * L;
+  double *u = tape + blocks * E * L, *gradients = u + count * M;
   double points[4 * N], matrix[R * N], c[2][N * LR], g[3 * M * LR];
+  for (long long q = 0; q < count; ++q)
+    for (int m = 0; m < M; ++m) {{
+      double sum = 0.0;
+#pragma omp simd reduction(+ : sum)
+      for (long long f = 0; f < size; ++f) sum += table[q * size + f] * coefficients[m * size + f];
+      u[q * M + m] = sum;
+    }}
   for (long long k = 0; k < steps; ++k) {{
     const double *const at[3] = {{u + M * nodes[3 * k], u + M * nodes[3 * k + 1], u + M * nodes[3 * k + 2]}};
     const double *const control[4] = {{at[0], at[1], at[1], at[2]}};
@@ -115,6 +115,7 @@ CASADI_SYMBOL_EXPORT void nhpocp_sweep(long long steps, const double *h, const l
   for (long long b = 0; b < blocks; ++b) slopes(samples + b * (N + M) * L, tape + b * E * L);
   for (long long s = 0; s < stops; ++s) {{
     double *now = c[0], *before = c[1];
+    for (long long q = 0; q < count * R * M; ++q) gradients[q] = 0.0;
     observe(y + N * stop[s], matrix);
     for (int j = 0; j < N; ++j)
       for (int r = 0; r < LR; ++r) now[j * LR + r] = r < R ? matrix[j * R + r] : 0.0;
@@ -122,10 +123,19 @@ CASADI_SYMBOL_EXPORT void nhpocp_sweep(long long steps, const double *h, const l
       pull(now, tape + AT(4 * k, 0, E), h[k], before, g);
       double *t = now; now = before; before = t;
       for (int i = 0; i < 3; ++i) {{
-        double *at = gradients + s * R * M * count + nodes[3 * k + i];
-        for (int j = 0; j < M; ++j)
-          for (int r = 0; r < R; ++r) at[(r * M + j) * count] += g[(i * M + j) * LR + r];
+        double *at = gradients + nodes[3 * k + i] * R * M;
+        for (int r = 0; r < R; ++r)
+          for (int j = 0; j < M; ++j) at[r * M + j] += g[(i * M + j) * LR + r];
       }}
+    }}
+    for (long long f = 0; f < size; ++f) {{
+      double sums[R * M] = {{0.0}};
+      for (long long q = 0; q < count; ++q) {{
+        const double *at = gradients + q * R * M, value = table[q * size + f];
+#pragma omp simd
+        for (int j = 0; j < R * M; ++j) sums[j] += value * at[j];
+      }}
+      for (int j = 0; j < R * M; ++j) derivatives[(s * size + f) * R * M + j] = sums[j];
     }}
   }}
 }}
@@ -133,7 +143,7 @@ CASADI_SYMBOL_EXPORT void nhpocp_sweep(long long steps, const double *h, const l
 
 
 def c_source(scheme: Scheme) -> str:
-    """The C text of `nhpocp_states` and `nhpocp_sweep` for one scheme.
+    """The C text of `nhpocp_sweep` for one scheme.
 
     Errors: `NotImplementedError` where CasADi's code is more than straight lines.
     """

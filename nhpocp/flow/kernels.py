@@ -30,7 +30,7 @@ from nhpocp.flow.kernel_source import LANES, c_source
 from nhpocp.flow.runge_kutta import Scheme, Sweep
 from nhpocp.machine import c_compiler, compiler, processor
 
-VERSION = 1  # of the C functions' arguments
+VERSION = 2  # of the C functions' arguments
 CLOSE = 1e-9  # between a kernel and CasADi's own evaluation, relative to the largest number
 TRIED_STEPS = 4  # of the first sweep, on which a kernel is tried
 STALE = 600.0  # seconds after which a build counts as given up
@@ -43,7 +43,7 @@ class Kernels(Protocol):
     """How a sweep is evaluated; the answers are the same."""
 
     def swept(self, scheme: Scheme, sweep: Sweep) -> tuple[Array, Array]:
-        """The path (steps + 1, n) and the derivatives (stops, rows, m, nodes) that `Scheme.swept` gives."""
+        """The path (steps + 1, n) and the derivatives (stops, rows, m·size) that `Scheme.swept` gives."""
         ...
 
 
@@ -202,34 +202,38 @@ class Kernel:
         self._sweep = library.nhpocp_sweep
         self._sweep.restype = None
         self._sweep.argtypes = [
-            ctypes.c_longlong if kind == "i" else ctypes.c_void_p for kind in "ippippippp"
+            ctypes.c_longlong if kind == "i" else ctypes.c_void_p for kind in "ippiipppippp"
         ]
         self._scheme, self._work = scheme, np.zeros(0)
 
     def swept(self, sweep: Sweep) -> tuple[Array, Array]:
         """As `Kernels.swept`."""
-        scheme, steps, count = self._scheme, len(sweep.h), len(sweep.controls)
+        scheme, steps, (count, size) = self._scheme, len(sweep.h), sweep.table.shape
         samples = LANES * -(-4 * steps // LANES)
         wanted = samples * (scheme.size + scheme.inputs + scheme.entries)
+        wanted += count * scheme.inputs * (scheme.rows + 1)
         if self._work.size < wanted:
             self._work = np.zeros(wanted)
         path = np.empty((steps + 1, scheme.size))
         path[0] = sweep.start
         stops = np.array(sweep.stops, dtype=np.int64)
-        gradients = np.zeros((len(stops), scheme.rows, scheme.inputs, count))
+        derivatives = np.empty((len(stops), size, scheme.rows, scheme.inputs))
+        coefficients = np.array(sweep.coefficients, dtype=float, order="C")
         self._sweep(
             steps,
             _address(sweep.h),
             _address(sweep.nodes),
             count,
-            _address(sweep.controls),
+            size,
+            _address(sweep.table),
+            _address(coefficients),
             _address(path),
             len(stops),
             _address(stops),
             _address(self._work),
-            _address(gradients),
+            _address(derivatives),
         )
-        return path, gradients
+        return path, derivatives.transpose(0, 2, 3, 1).reshape(len(stops), scheme.rows, -1)
 
 
 @lru_cache(maxsize=64)

@@ -23,20 +23,26 @@ TABLEAU = ((0.0, 0, 1.0), (0.5, 1, 2.0), (0.5, 1, 2.0), (1.0, 2, 1.0))
 
 
 class Sweep(NamedTuple):
-    """What a sweep is asked for: the path, and at stops the derivatives of the wanted rows by the controls.
+    """What a sweep is asked for: the path, and at stops the derivatives of the wanted rows by λ.
 
     The arrays are contiguous.
     """
 
     start: Array  # y(0), (n,)
     h: Array  # step lengths (steps,)
-    nodes: Array  # each step's three controls as rows of `controls`, (steps, 3)
-    controls: Array  # (nodes, m)
+    nodes: Array  # where φ at the start, middle and end of each step stands in the table, (steps, 3)
+    table: Array  # (nodes, size)
+    coefficients: Array  # Λ, (m, size)
     stops: Sequence[int]  # numbers of steps
 
     def first(self, steps: int) -> Sweep:
         """A shorter one, with one stop at its end."""
-        return Sweep(self.start, self.h[:steps], self.nodes[:steps], self.controls, [len(self.h[:steps])])
+        h, nodes = self.h[:steps], self.nodes[:steps]
+        return self._replace(h=h, nodes=nodes, stops=[len(h)])
+
+    def controls(self) -> Array:
+        """u at the start, middle and end of each step, (steps, 3, m)."""
+        return (self.table @ self.coefficients.T)[self.nodes]
 
 
 class Scheme:
@@ -128,10 +134,10 @@ class Scheme:
         return np.vstack([start, walked]), tape
 
     def swept(self, sweep: Sweep) -> tuple[Array, Array]:
-        """The path (steps + 1, n) and the derivatives (stops, rows, m, nodes), by CasADi's own evaluation."""
-        path, tape = self.walked(sweep.start, sweep.h, sweep.controls[sweep.nodes])
+        """The path (steps + 1, n) and the derivatives (stops, rows, m·size), by CasADi's own evaluation."""
+        path, tape = self.walked(sweep.start, sweep.h, sweep.controls())
         tape = tape.reshape(len(sweep.h), 4, self.entries)
-        gradients = np.zeros((len(sweep.stops), self.rows, self.inputs, len(sweep.controls)))
+        gradients = np.zeros((len(sweep.stops), self.rows, self.inputs, len(sweep.table)))
         places = self.costates.get_triplet()
         for found, stop in zip(gradients, sweep.stops, strict=True):
             if not stop:
@@ -144,7 +150,9 @@ class Scheme:
             with np.errstate(all="ignore"):  # a path that runs away is the caller's to judge
                 for column, values in zip(sweep.nodes[:stop].T, by_controls, strict=True):
                     found[:, :, column] += values
-        return path, gradients
+        with np.errstate(all="ignore"):
+            derivatives = gradients.reshape(-1, len(sweep.table)) @ sweep.table
+        return path, derivatives.reshape(len(sweep.stops), self.rows, -1)
 
     def _step_symbols(self) -> tuple[ca.SX, ca.SX, ca.SX]:
         return self._y, ca.SX.sym("h"), ca.SX.sym("u", self.inputs, 3)
