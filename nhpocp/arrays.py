@@ -132,6 +132,6 @@ def adjugate_3x3(rows: Sequence[Array]) -> tuple[Array, Array]:
 
 
 def solve_3x3(rows: Sequence[Array], right: Array) -> Array:
-    """X with ``rows[i] · X = right[i]`` by Cramer's rule: one division a number, no factorisation to differentiate."""
+    """X with ``rows[i] · X = right[i]`` by Cramer's rule: one division in all, no factorisation to differentiate."""
     adjugate, determinant = adjugate_3x3(rows)
-    return adjugate @ right / determinant
+    return adjugate @ right * (1.0 / determinant)

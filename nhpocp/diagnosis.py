@@ -1,4 +1,4 @@
-"""What this installation can do: versions, CasADi plugins, compiler. The data of `nhpocp doctor`."""
+"""What this installation can do: versions, CasADi plugins, compiler, compiled kernels. The data of `nhpocp doctor`."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from typing import Any
 
 import casadi as ca
 
+from nhpocp.flow.kernels import cached
 from nhpocp.solution_folder import environment
 from nhpocp.solvers.optimizers import LINEAR_SOLVERS
 
@@ -17,6 +18,7 @@ def diagnose() -> dict[str, Any]:
         "integrators": [name for name in ("rk", "cvodes") if ca.has_integrator(name)],
         "nlp solvers": [name for name in ("ipopt", "fatrop") if ca.has_nlpsol(name)],
         "linear solvers of ipopt": [name for name in LINEAR_SOLVERS if _solves(name)],
+        "cache": cached(),
     }
 
 

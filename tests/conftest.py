@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+import atexit
 import os
+import shutil
+import tempfile
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # pytest-xdist already uses every core
+os.environ["NHPOCP_CACHE"] = tempfile.mkdtemp(
+    prefix="nhpocp-cache-"
+)  # of this process of tests and its children
+os.environ["NHPOCP_COMPILE"] = "never"  # `auto` builds nothing in the background of tests
 
 import numpy as np
 import pytest
@@ -17,6 +24,8 @@ from nhpocp.problem import PlanningProblem
 from nhpocp.state_space import StateSpace, scalar
 from nhpocp.systems.system import Parameter, System
 from nhpocp.systems.three_upu import ThreeUPU
+
+atexit.register(shutil.rmtree, os.environ["NHPOCP_CACHE"], ignore_errors=True)
 
 # [Paper] section 4: λ11 = λ21 = λ32 = .5, λ30 = 1
 PAPER_START = np.array([[0, 0.5, 0, 0, 0], [0, 0.5, 0, 0, 0], [1, 0, 0.5, 0, 0]])

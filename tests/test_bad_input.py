@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nhpocp.errors import InvalidProblemError
-from nhpocp.problem_file import load_problem, parse_problem, read, read_text
+from nhpocp.problem_file import load_problem, read, read_text
 
 GOOD = """\
 nhpocp: 1
@@ -219,23 +219,6 @@ def test_a_bad_override_names_itself(override, path, message) -> None:
     assert (error.file, error.line, error.path) == (None, None, path)
     assert message in error.message
     assert "--set" in error.message
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "path", "message"),
-    [
-        ("output:", "  compile: always\noutput:", "solvers.compile", "compile 'always' is not available"),
-    ],
-)  # fmt: skip
-def test_what_is_legal_but_not_built_yet_validates_and_is_refused_with_its_place(
-    old, new, path, message
-) -> None:
-    text = GOOD.replace(old, new)
-    assert read_text(text).warnings == []
-    with pytest.raises(InvalidProblemError, match=message) as caught:
-        parse_problem(text, "p.yaml")
-    assert (caught.value.file, caught.value.path) == ("p.yaml", path)
-    assert caught.value.line in (21, 22)
 
 
 def test_load_problem_says_the_same_as_read(tmp_path: Path) -> None:

@@ -41,7 +41,9 @@ def test_rosenbrock_on_a_circle():
 
     found = minimise(lambda y: (np.array([y @ y - 2]), 2 * y[None]), cost, np.array([-1.0, 1.0]))
     assert found.cost < 4.01  # the other minimum of the circle, or better
-    assert found.optimality < 1e-5  # what is left to gain is below rounding: its square over a curvature of hundreds
+    assert (
+        found.optimality < 1e-5
+    )  # what is left to gain is below rounding: its square over a curvature of hundreds
 
 
 def test_unusable_points_are_stepped_back_from():

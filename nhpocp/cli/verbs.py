@@ -275,9 +275,14 @@ def init(file: Path, model: str, as_json: bool) -> int:
 
 
 @cli.command()
+@click.option("--clear-cache", is_flag=True, help="Remove the compiled kernels from the cache first.")
 @_json_option
-def doctor(as_json: bool) -> int:
-    """Say which versions, plugins and compiler are at hand."""
+def doctor(clear_cache: bool, as_json: bool) -> int:
+    """Say which versions, plugins, compiler and compiled kernels are at hand."""
+    if clear_cache:
+        from nhpocp.flow.kernels import clear_cache as clear
+
+        say(f"{clear()} kernels removed from the cache")
     from nhpocp.diagnosis import diagnose
 
     found = diagnose()
@@ -285,6 +290,8 @@ def doctor(as_json: bool) -> int:
         put(found)
     else:
         for name, value in found.items():
+            if isinstance(value, dict):
+                value = [f"{part} {entry}" for part, entry in value.items()]
             shown = ", ".join(value) if isinstance(value, list) else value
             click.echo(f"{name}: {'none' if value is None else shown}")
     return SOLVED

@@ -11,7 +11,6 @@ import casadi as ca
 import numpy as np
 
 from nhpocp.arrays import Array
-from nhpocp.calls import call, mapped
 from nhpocp.controls.basis import ControlBasis
 from nhpocp.flow.integrators import Flow, Integrator
 from nhpocp.flow.variational import VariationalEquations
@@ -90,25 +89,18 @@ class DifferentiatedEndPointMap:
         self._flow: Flow = integrator.flow(
             functions.rate_function, basis, horizon, times, functions.linearised_function
         )
-        self._start, self.times, self._space = start, self._flow.times, system.state_space
+        self._start, self.times, self._lower = start, self._flow.times, _lower(system.state_space)
         self._stops, self._along = stops_of(self.times, shares, horizon), along
 
     def __call__(self, coefficients: Array) -> EndPoint:
         if self._along:
             return self._whole(coefficients)
-        path, derivatives = self._flow.sensitivity(self._start, coefficients, self._stops)
-        lower = _lower(self._space)
-        jacobians = [
-            call(lower, path[i])[0].T @ rows for i, rows in zip(self._stops, derivatives, strict=True)
-        ]
-        return EndPoint(path, self._stops, np.stack(jacobians))
+        path, jacobians = self._flow.sensitivity(self._start, coefficients, self._stops, self._lower)
+        return EndPoint(path, self._stops, jacobians)
 
     def _whole(self, coefficients: Array) -> EndPoint:
-        path, derivatives = self._flow.sensitivity(self._start, coefficients, range(1, len(self.times)))
-        (lower,) = call(mapped(_lower(self._space), len(derivatives)), path[1:])
-        lower = lower.reshape(len(derivatives), self._space.size, -1).swapaxes(1, 2)
-        moved = lower @ derivatives
-        variations = np.concatenate([np.zeros((1, *moved.shape[1:])), moved])
+        everywhere = range(len(self.times))
+        path, variations = self._flow.sensitivity(self._start, coefficients, everywhere, self._lower)
         return EndPoint(path, self._stops, variations[list(self._stops)], variations)
 
 

@@ -6,7 +6,7 @@ All are one kind of object: an `Integrator` makes a `Flow` for a right-hand side
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from typing import Any, ClassVar, Protocol
 
@@ -17,6 +17,8 @@ from nhpocp.arrays import Array
 from nhpocp.calls import accumulated, call, mapped
 from nhpocp.controls.basis import ControlBasis
 from nhpocp.errors import InvalidProblemError
+from nhpocp.flow.kernels import CompiledWhenReady, Kernels
+from nhpocp.flow.runge_kutta import Scheme, Sweep, runge_kutta_step, scheme
 
 
 class Flow(Protocol):
@@ -33,9 +35,16 @@ class Flow(Protocol):
         ...
 
     def sensitivity(
-        self, start: Array, coefficients: Array, stops: Sequence[int] = (-1,)
+        self,
+        start: Array,
+        coefficients: Array,
+        stops: Sequence[int] = (-1,),
+        observed: ca.Function | None = None,
     ) -> tuple[Array, Array]:
-        """The states as above, and dy/dλ at the grid's times of these indices, (stops, n, m·size)."""
+        """The states as above, and dy/dλ at the grid's times of these indices, (stops, n, m·size).
+
+        observed: y ↦ matrix (rows × n), by which dy is multiplied: (stops, rows, m·size). Few rows are cheap.
+        """
         ...
 
 
@@ -76,11 +85,12 @@ class RungeKutta4:
     """The classical fourth-order Runge–Kutta scheme with fixed steps, written out.
 
     A step sees the control at its start, middle and end only, so the basis never enters the integrator: dy(T)/dλ is the
-    exact derivative of the scheme: f is differentiated (CasADi's AD) at its stages, the stages are chained within a
-    step, the steps backwards, and the result is summed against φ.
+    exact derivative of the scheme. The wanted rows of it are pulled back through the steps (`Scheme`), and what they
+    gather is summed against φ at the end. ``kernels``: whether a compiled kernel does that.
     """
 
     steps: int = 100
+    kernels: Kernels = field(default_factory=CompiledWhenReady)
     kind: ClassVar[str] = "rk4"
 
     def grid(self, basis: ControlBasis, horizon: float) -> Array:
@@ -95,20 +105,7 @@ class RungeKutta4:
         linearised: ca.Function | None = None,
     ) -> RungeKuttaFlow:
         times = self.grid(basis, horizon) if times is None else times
-        return RungeKuttaFlow(rate, basis, horizon, times, linearised)
-
-
-@lru_cache(maxsize=64)
-def runge_kutta_step(rate: ca.Function) -> ca.Function:
-    """(y, h, [u(t), u(t + h/2), u(t + h)]) ↦ y(t + h), the last argument m × 3."""
-    y, h = ca.SX.sym("y", rate.size1_in(0)), ca.SX.sym("h")
-    u = ca.SX.sym("u", rate.size1_in(1), 3)
-    k1 = rate(y, u[:, 0])
-    k2 = rate(y + 0.5 * h * k1, u[:, 1])
-    k3 = rate(y + 0.5 * h * k2, u[:, 1])
-    k4 = rate(y + h * k3, u[:, 2])
-    step = y + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-    return ca.Function("step", [y, h, u], [ca.densify(step)], ["y", "h", "u"], ["next"])
+        return RungeKuttaFlow(rate, basis, horizon, times, linearised, self.kernels)
 
 
 class RungeKuttaFlow:
@@ -120,33 +117,23 @@ class RungeKuttaFlow:
         basis: ControlBasis,
         horizon: float,
         times: Array,
-        linearised: ca.Function | None = None,
+        linearised: ca.Function | None,
+        kernels: Kernels,
     ) -> None:
         self.times = np.asarray(times, dtype=float)
         self._h = np.diff(self.times)
-        starts, ends = self.times[:-1], self.times[1:]
-        # one-sided limits: a step never sees the control beyond a breakpoint at its ends
-        self._stages = np.stack(
-            [
-                basis.table(starts, horizon, "right"),
-                basis.table(0.5 * (starts + ends), horizon),
-                basis.table(ends, horizon, "left"),
-            ]
-        )  # (3, steps, size)
-        self._rate, self._given = rate, linearised
+        self._nodes, self._table = _control_nodes(basis, horizon, self.times)
+        self._rate, self._given, self._kernels = rate, linearised, kernels
+        self._known: tuple[ca.Function | None, Scheme] | None = None  # the last
 
-    @property
-    def _linearised(self) -> ca.Function:
-        return self._given or differentiated(self._rate)
-
-    def _stage_controls(self, coefficients: Array) -> Array:
-        """u at every stage of every step, (steps, 3, m)."""
-        return (self._stages @ np.asarray(coefficients, dtype=float).T).swapaxes(0, 1)
+    def _scheme(self, observed: ca.Function | None) -> Scheme:
+        if self._known is None or self._known[0] is not observed:
+            found = scheme(self._rate, self._given or differentiated(self._rate), observed)
+            self._known = observed, found
+        return self._known[1]
 
     def states(self, start: Array, coefficients: Array) -> Array:
-        return self._states(np.asarray(start, dtype=float), self._stage_controls(coefficients))
-
-    def _states(self, start: Array, controls: Array) -> Array:
+        controls = (self._table @ np.asarray(coefficients, dtype=float).T)[self._nodes]
         (walked,) = call(accumulated(runge_kutta_step(self._rate), len(self._h)), start, self._h, controls)
         return np.vstack([start, walked])
 
@@ -154,71 +141,56 @@ class RungeKuttaFlow:
         return self.states(start, coefficients)[-1]
 
     def sensitivity(
-        self, start: Array, coefficients: Array, stops: Sequence[int] = (-1,)
+        self,
+        start: Array,
+        coefficients: Array,
+        stops: Sequence[int] = (-1,),
+        observed: ca.Function | None = None,
     ) -> tuple[Array, Array]:
-        controls = self._stage_controls(coefficients)
-        states = self._states(np.asarray(start, dtype=float), controls)
-        ends = [range(len(states))[stop] for stop in stops]
-        with np.errstate(all="ignore"):  # a path that runs away is the caller's to judge
-            derivatives = self._step_derivatives(states, controls)
-            few = len(ends) * states.shape[1] <= np.size(coefficients)
-            chained = self._backwards if few else self._forwards
-            return states, chained(*derivatives, ends)
+        functions = self._scheme(observed)
+        ends = [range(len(self.times))[stop] for stop in stops]
+        start, coefficients = (np.asarray(numbers, dtype=float) for numbers in (start, coefficients))
+        sweep = Sweep(start, self._h, self._nodes, self._table, coefficients, ends)
+        if len(ends) * functions.rows > coefficients.size:
+            with np.errstate(all="ignore"):  # a path that runs away is the caller's to judge
+                return self._forwards(functions, sweep)
+        return self._kernels.swept(functions, sweep)
 
-    def _backwards(self, by_state: Array, by_controls: Array, ends: Sequence[int]) -> Array:
-        """dy(stop)/dλ from the last step to the first: cheap where the stops are few and λ is long."""
-        steps, size, inputs = len(by_state), by_state.shape[1], by_controls.shape[2] // 3
-        onward = np.zeros((len(ends), size, size))  # dy(stop)/dy at the end of the step
-        gradients = np.empty((steps, len(ends) * size, 3 * inputs))
-        for k in range(steps - 1, -1, -1):
-            for place, end in enumerate(ends):
-                if end == k + 1:
-                    onward[place] = np.eye(size)
-            rows = onward.reshape(-1, size)
-            gradients[k] = rows @ by_controls[k]
-            onward = (rows @ by_state[k]).reshape(onward.shape)
-        by_stage = gradients.reshape(steps, -1, 3, inputs).transpose(1, 3, 2, 0).reshape(-1, 3 * steps)
-        derivative = by_stage @ self._stages.reshape(3 * steps, -1)
-        return derivative.reshape(len(ends), size, -1)
-
-    def _forwards(self, by_state: Array, by_controls: Array, ends: Sequence[int]) -> Array:
-        """The same from the first step to the last: one pass for any number of stops."""
-        steps, size, inputs = len(by_state), by_state.shape[1], by_controls.shape[2] // 3
-        driven = np.einsum("knjm,jkf->knmf", by_controls.reshape(steps, size, 3, inputs), self._stages)
+    def _forwards(self, functions: Scheme, sweep: Sweep) -> tuple[Array, Array]:
+        """dy/dλ from the first step to the last: one pass for any number of stops."""
+        path, tape = functions.walked(sweep.start, sweep.h, sweep.controls())
+        ends = list(sweep.stops)
+        steps, size, inputs = len(self._h), functions.size, functions.inputs
+        by_state, by_controls = call(mapped(functions.blocks, steps), tape, self._h)
+        by_state = by_state.reshape(steps, size, size)
+        by_controls = by_controls.reshape(steps, size, 3, inputs)
+        driven = np.einsum("knjm,kjf->knmf", by_controls, self._table[self._nodes])
         driven = driven.reshape(steps, size, -1)
         along = np.zeros((steps + 1, size, driven.shape[2]))
         for k in range(steps):
             along[k + 1] = by_state[k] @ along[k] + driven[k]
-        return along[list(ends)]
+        (matrices,) = call(mapped(functions.observed, len(ends)), path[ends])
+        return path, matrices.reshape(len(ends), size, functions.rows).swapaxes(1, 2) @ along[ends]
 
-    def _step_derivatives(self, states: Array, controls: Array) -> tuple[Array, Array]:
-        """Derivatives of every step by its first state (steps, n, n) and by its three controls (steps, n, 3 m).
 
-        The scheme is differentiated stage by stage, all steps side by side: K_i = F_i (I + a_i h K_{i-1}), F = ∂f/∂y.
-        """
-        steps, size, inputs = len(self._h), states.shape[1], controls.shape[2]
-        first, middle, last = (np.ascontiguousarray(controls[:, j]) for j in range(3))
-        y, h = states[:-1], self._h[:, None]
-        rates, points, slope = mapped(self._rate, steps), [y], y
-        for offset, control in ((0.5, first), (0.5, middle), (1.0, middle)):
-            (slope,) = call(rates, points[-1], control)
-            points.append(y + offset * h * slope)
-        at = np.concatenate(points), np.concatenate([first, middle, middle, last])
-        (linear,) = call(mapped(self._linearised, 4 * steps), *at)
-        linear = linear.reshape(4, steps, size + inputs, size).swapaxes(2, 3)
-        F, B = linear[..., :size], linear[..., size:]
-        step = h[:, :, None]
-        by_state, by_controls = np.zeros((steps, size, size)), np.zeros((steps, size, 3 * inputs))
-        state_slope, control_slope = np.zeros_like(by_state), np.zeros_like(by_controls)
-        for stage, (offset, column, weight) in enumerate(
-            ((0.0, 0, 1), (0.5, 1, 2), (0.5, 1, 2), (1.0, 2, 1))
-        ):
-            state_slope = F[stage] + offset * step * (F[stage] @ state_slope)
-            control_slope = offset * step * (F[stage] @ control_slope)
-            control_slope[:, :, column * inputs : (column + 1) * inputs] += B[stage]
-            by_state += weight * state_slope
-            by_controls += weight * control_slope
-        return np.eye(size) + step / 6 * by_state, step / 6 * by_controls
+def _control_nodes(basis: ControlBasis, horizon: float, times: Array) -> tuple[Array, Array]:
+    """Places (steps, 3) of each step's three controls in a table of φ (nodes, size), and that table.
+
+    One-sided limits: a step never sees the control beyond a breakpoint at its ends. Where there is none, the end of a
+    step and the start of the next are one node.
+    """
+    starts, ends = times[:-1], times[1:]
+    tables = [
+        basis.table(starts, horizon, "right"),
+        basis.table(0.5 * (starts + ends), horizon),
+        basis.table(ends, horizon, "left"),
+    ]
+    shared = 2 if np.array_equal(tables[0][1:], tables[2][:-1]) else 3
+    nodes = shared * np.arange(len(starts))[:, None] + np.arange(3)
+    table = np.empty((nodes[-1, -1] + 1, basis.size))
+    for column, values in zip(nodes.T, tables, strict=True):
+        table[column] = values
+    return np.ascontiguousarray(nodes, dtype=np.int64), table
 
 
 @lru_cache(maxsize=64)
@@ -340,9 +312,17 @@ class CasadiFlow:
         return np.array(self._end(x0=start, p=np.ravel(coefficients))["xf"]).ravel()
 
     def sensitivity(
-        self, start: Array, coefficients: Array, stops: Sequence[int] = (-1,)
+        self,
+        start: Array,
+        coefficients: Array,
+        stops: Sequence[int] = (-1,),
+        observed: ca.Function | None = None,
     ) -> tuple[Array, Array]:
         ends, jacobian = self._jacobian(stops)(start, np.ravel(coefficients))
         states = self.states(start, coefficients)
         states[list(stops)] = np.array(ends).reshape(len(stops), -1)  # the points that were differentiated
-        return states, np.array(jacobian).reshape(len(stops), states.shape[1], -1)
+        derivatives = np.array(jacobian).reshape(len(stops), states.shape[1], -1)
+        if observed is None:
+            return states, derivatives
+        matrices = [call(observed, states[stop])[0].T for stop in stops]
+        return states, np.stack(matrices) @ derivatives

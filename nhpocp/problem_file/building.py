@@ -12,7 +12,8 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Any
 
-from nhpocp.errors import InvalidProblemError
+from nhpocp.errors import InvalidProblemError, MissingDependencyError
+from nhpocp.machine import c_compiler
 from nhpocp.problem_file.control import ControlBlock
 from nhpocp.problem_file.reading import ProblemFile, read, read_text
 from nhpocp.problem_file.schema import FreeHorizon, ProblemData
@@ -57,6 +58,11 @@ AVAILABLE: dict[str, dict[str, str]] = {
     "solvers.jacobian.sensitivity": {
         "automatic": "nhpocp.flow.end_point_map:DifferentiatedEndPointMap",
         "variational": "nhpocp.flow.end_point_map:VariationalEndPointMap",
+    },
+    "solvers.compile": {
+        "auto": "nhpocp.flow.kernels:CompiledWhenReady",
+        "always": "nhpocp.flow.kernels:Compiled",
+        "never": "nhpocp.flow.kernels:Interpreted",
     },
     "solvers.nlp.shooting": {
         "multiple": "nhpocp.solvers.transcription:Transcription",
@@ -158,26 +164,32 @@ def control_from_json(data: Mapping[str, Any]) -> Control:
 
 def _build_solvers(data: ProblemData) -> dict[str, Any]:
     """Both solvers; the NLP's `initial: jacobian` is the file's own Jacobian method."""
-    if data.solvers.compile == "always":  # kernels come with a later version; `auto` promises nothing
-        raise InvalidProblemError(
-            _not_available("compile", "always", ["auto", "never"]), path="solvers.compile"
+    if data.solvers.compile == "always" and c_compiler() is None:
+        raise MissingDependencyError(
+            "solvers.compile: `always` needs a C compiler, and none was found (CC, cc, gcc, clang); "
+            "install one, or write `auto`"
         )
-    jacobian = build_solver("jacobian", data.solvers.jacobian)
+    kernels = _available("solvers.compile", data.solvers.compile)()
+    jacobian = build_solver("jacobian", data.solvers.jacobian, kernels=kernels)
     return {"jacobian": jacobian, "nlp": build_solver("nlp", data.solvers.nlp, jacobian)}
 
 
 def build_solver(
-    name: str, data: JacobianSettings | NlpSettings | Mapping[str, Any] | None = None, jacobian: Any = None
+    name: str,
+    data: JacobianSettings | NlpSettings | Mapping[str, Any] | None = None,
+    jacobian: Any = None,
+    kernels: Any = None,
 ) -> Any:
     """A solver object from its settings: a block of the file, validated or plain data; None: the defaults.
 
-    ``jacobian``: the solver whose solution `initial: jacobian` of the NLP starts from.
+    ``jacobian``: the solver whose solution `initial: jacobian` of the NLP starts from. ``kernels``: how the Jacobian
+    method's own integrator evaluates its sweeps; None: by its default.
     """
     if name not in _BUILDERS:
         raise InvalidProblemError(_not_available("solver", name, list(_BUILDERS)), path="solvers")
     model, builder = _BUILDERS[name]
     settings = data if isinstance(data, model) else _validated(name, model, data or {})
-    return builder(settings, jacobian)
+    return builder(settings, kernels if name == "jacobian" else jacobian)
 
 
 def _validated(name: str, model: type[Any], data: Any) -> Any:
@@ -193,16 +205,17 @@ def _validated(name: str, model: type[Any], data: Any) -> Any:
         raise InvalidProblemError(issue.message, path=dotted(issue.path)) from None
 
 
-def _build_jacobian(data: JacobianSettings, _: Any) -> Any:
+def _build_jacobian(data: JacobianSettings, kernels: Any) -> Any:
     from nhpocp.solvers.continuation import Continuation
 
     integrator = _available("solvers.jacobian.integrator", data.integrator)
+    chosen = {"kernels": kernels} if kernels is not None and data.integrator == "rk4" else {}
     rule = _available("solvers.jacobian.step_rule", data.step_rule)
     solver = Continuation(
         step_rule=rule() if data.step_rule in ("adaptive", "auto") else rule(gamma=data.gamma),
         inverse=_available("solvers.jacobian.inverse", data.inverse)(),
         metric=_available("solvers.jacobian.metric", data.metric)(),
-        integrator=integrator(steps=data.steps),
+        integrator=integrator(steps=data.steps, **chosen),
         sensitivity=_available("solvers.jacobian.sensitivity", data.sensitivity),
         tolerance=data.tolerance,
         max_iterations=data.max_iterations,

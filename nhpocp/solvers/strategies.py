@@ -216,7 +216,8 @@ class _Search:
         joined = join([retimed(control, share) for control, share in zip(controls, shares, strict=True)])
         integrator = self.base.integrator
         if isinstance(integrator, RungeKutta4):
-            integrator = RungeKutta4(int(STEPS_PER_PIECE * integrator.steps * weights.sum() / weights.min()))
+            steps = int(STEPS_PER_PIECE * integrator.steps * weights.sum() / weights.min())
+            integrator = replace(integrator, steps=steps)
         solver = replace(self.base, integrator=integrator)
         whole = replace(begun_from(self.problem, joined), bounds=())
         return self._finished(self._solve(replace(solver, objective="none"), whole), solver)

@@ -293,20 +293,30 @@ class ThreeUPU(System):
 
     def linearised(self, state: Array, control: Array) -> tuple[Array, Array]:
         if self.form != "feedback":
-            return super().linearised(state, control)
-        # S ṗ = J v differentiated with ṗ held: d(S⁻¹ J v) = -S⁻¹ d(S ṗ - J v), a third of the operations
+            return self._linearised_original(state, control)
+        # S ṗ = J v differentiated with ṗ held: d(S⁻¹ J v) = S⁻¹ d(J v - S ṗ), a third of the operations
         xp = symbolic()
         held = xp.symbol(3)
         position = state[self.state_space.point_slice("position")]
         rows = [self.constraint_row(leg, leg.b - position) for leg in self.leg_poses(state)]
         s, j = [row for row, _ in rows], xp.rows([row for _, row in rows])
-        residual = xp.vector([dot(row, held) for row in s]) - j @ control
+        residual = j @ control - xp.vector([dot(row, held) for row in s])
         change = xp.substitute(xp.jacobian(residual, state), held, solve_3x3(s, j @ control))
+        inverse = solve_3x3(s, xp.eye(3))
         of_the_turn = 0.0 * change, -xp.eye(3)  # ω = -v whatever the pose
         return (
-            xp.block([[-solve_3x3(s, change)], [of_the_turn[0]]]),
-            xp.block([[solve_3x3(s, j)], [of_the_turn[1]]]),
+            xp.block([[inverse @ change], [of_the_turn[0]]]),
+            xp.block([[inverse @ j], [of_the_turn[1]]]),
         )
+
+    def _linearised_original(self, state: Array, u: Array) -> tuple[Array, Array]:
+        """W (ṗ, ω) = (u, 0) differentiated with (ṗ, ω) held, as above."""
+        xp = symbolic()
+        held, W = xp.symbol(6), self.kinematics(state).W
+        change = xp.substitute(xp.jacobian(W @ held, state), held, self.velocity(state, u))
+        solved = xp.solve(W, xp.block([[-change, xp.eye(6)[:, :3]]]))
+        size = self.state_space.size
+        return solved[:, :size], solved[:, size:]
 
     def vector_fields(self, state: Array) -> Array:
         xp = namespace(state)

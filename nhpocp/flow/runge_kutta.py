@@ -1,0 +1,220 @@
+r"""The classical Runge–Kutta step and its exact derivative, transposed: what one sweep over the steps is made of.
+
+A step y ↦ y⁺ of ẏ = f(y, u) sees the control at its start, middle and end. With F_i = ∂f/∂y and B_i = ∂f/∂u at the
+points Y_i of its four stages, rows c of the end's derivative are pulled back through a step from the last stage on,
+    κ_i = h w_i/6 c + h a_{i+1} κ_{i+1} F_{i+1},      c ↦ c + Σ κ_i F_i,      ∂/∂u_i = κ_i B_i,
+which is the transpose of the scheme itself: exact to rounding, and of a cost that no basis of controls enters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property, lru_cache
+from typing import Any, NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from nhpocp.arrays import Array
+from nhpocp.calls import accumulated, call
+
+# a_i, which of the three controls, w_i
+TABLEAU = ((0.0, 0, 1.0), (0.5, 1, 2.0), (0.5, 1, 2.0), (1.0, 2, 1.0))
+
+
+class Sweep(NamedTuple):
+    """What a sweep is asked for: the path, and at stops the derivatives of the wanted rows by λ.
+
+    The arrays are contiguous.
+    """
+
+    start: Array  # y(0), (n,)
+    h: Array  # step lengths (steps,)
+    nodes: Array  # where φ at the start, middle and end of each step stands in the table, (steps, 3)
+    table: Array  # (nodes, size)
+    coefficients: Array  # Λ, (m, size)
+    stops: Sequence[int]  # numbers of steps
+
+    def first(self, steps: int) -> Sweep:
+        """A shorter one, with one stop at its end."""
+        h, nodes = self.h[:steps], self.nodes[:steps]
+        return self._replace(h=h, nodes=nodes, stops=[len(h)])
+
+    def controls(self) -> Array:
+        """u at the start, middle and end of each step, (steps, 3, m)."""
+        return (self.table @ self.coefficients.T)[self.nodes]
+
+
+class Scheme:
+    """CasADi functions of one step, for f: n numbers, m inputs. Matrices are passed by columns.
+
+    ``observed``: y ↦ matrix (rows × n) that makes of dy what is wanted of it; None: all of it.
+    """
+
+    def __init__(self, rate: ca.Function, linearised: ca.Function, observed: ca.Function | None) -> None:
+        self.rate, self.linearised = rate, linearised
+        self.size, self.inputs = rate.size1_in(0), rate.size1_in(1)
+        self._y, self._u = ca.SX.sym("y", self.size), ca.SX.sym("u", self.inputs)
+        whole = ca.DM.eye(self.size)
+        self._observed = ca.sparsify(ca.SX(whole if observed is None else observed(self._y)))
+        self.rows = self._observed.size1()
+        (slopes,) = ca.cse([ca.sparsify(ca.SX(linearised(self._y, self._u)))])
+        self._pattern = slopes.sparsity()
+        self._different, self._entry, self._sign = _different(slopes)
+        self.entries = (
+            self._different.numel()
+        )  # of [F, B] that are not always 0, nor another one or its negative
+
+    @cached_property
+    def observed(self) -> ca.Function:
+        """y ↦ the matrix of the wanted rows, dense."""
+        return ca.Function("observed", [self._y], [ca.densify(self._observed)])
+
+    @cached_property
+    def step(self) -> ca.Function:
+        """(y, h, [u at start, middle, end]) ↦ (y⁺, points n × 4)."""
+        y, h, u = self._step_symbols()
+        following, points = _stages(self.rate, y, h, u)
+        return ca.Function("step", [y, h, u], [ca.densify(following), ca.densify(ca.horzcat(*points))])
+
+    @cached_property
+    def slopes(self) -> ca.Function:
+        """(y, u) ↦ the entries of [F, B]."""
+        return ca.Function("slopes", [self._y, self._u], [self._different])
+
+    @cached_property
+    def taped(self) -> ca.Function:
+        """`step` with the `slopes` of its four points: what they have in common is worked out once."""
+        y, h, u = self._step_symbols()
+        following, points = _stages(self.rate, y, h, u)
+        slopes = [self.slopes(Y, u[:, place]) for Y, (_, place, _) in zip(points, TABLEAU, strict=True)]
+        outputs = [ca.densify(following), ca.horzcat(*slopes)]
+        return ca.Function("taped", [y, h, u], ca.cse(outputs))
+
+    @cached_property
+    def pulled_row(self) -> ca.Function:
+        """(one row c as a column, slopes, h) ↦ (c before the step, its derivatives by the three controls, m × 3)."""
+        row, tape, h = ca.SX.sym("c", self.size), ca.SX.sym("tape", self.entries, 4), ca.SX.sym("h")
+        before, gradients = _pulled(row.T, self._split(tape), h)
+        outputs = [ca.densify(before.T), ca.densify(ca.horzcat(*(g.T for g in gradients)))]
+        return ca.Function("pulled_row", [row, tape, h], ca.cse(outputs))
+
+    @cached_property
+    def costates(self) -> ca.Sparsity:
+        """Where the wanted rows, pulled back through any number of steps, can have entries."""
+        tape, h = ca.SX.sym("tape", self.entries, 4), ca.SX.sym("h")
+        pattern = self._observed.sparsity()
+        while True:
+            before, _ = _pulled(ca.SX.sym("c", pattern), self._split(tape), h)
+            wider = pattern + before.sparsity()
+            if wider == pattern:
+                return pattern
+            pattern = wider
+
+    @cached_property
+    def pulled(self) -> ca.Function:
+        """(entries of `costates`, slopes, h) ↦ (the same before the step, derivatives by the controls, 3 m × rows)."""
+        tape, h = ca.SX.sym("tape", self.entries, 4), ca.SX.sym("h")
+        entries = ca.SX.sym("c", self.costates.nnz())
+        before, gradients = _pulled(ca.SX(self.costates, entries), self._split(tape), h)
+        outputs = [_entries(before, self.costates), ca.densify(ca.horzcat(*gradients).T)]
+        return ca.Function("pulled", [entries, tape, h], ca.cse(outputs))
+
+    @cached_property
+    def blocks(self) -> ca.Function:
+        """(slopes, h) ↦ the derivatives of a step by its first state, n × n, and its controls, n × 3 m; transposed."""
+        tape, h = ca.SX.sym("tape", self.entries, 4), ca.SX.sym("h")
+        by_state, by_controls = _pulled(ca.SX.eye(self.size), self._split(tape), h)
+        outputs = [ca.densify(by_state.T), ca.densify(ca.horzcat(*by_controls).T)]
+        return ca.Function("blocks", [tape, h], ca.cse(outputs))
+
+    def walked(self, start: Array, h: Array, controls: Array) -> tuple[Array, Array]:
+        """The path (steps + 1, n) and the slopes of all steps (4 steps, entries); controls (steps, 3, m)."""
+        walked, tape = call(accumulated(self.taped, len(h)), start, h, controls)
+        return np.vstack([start, walked]), tape
+
+    def swept(self, sweep: Sweep) -> tuple[Array, Array]:
+        """The path (steps + 1, n) and the derivatives (stops, rows, m·size), by CasADi's own evaluation."""
+        path, tape = self.walked(sweep.start, sweep.h, sweep.controls())
+        tape = tape.reshape(len(sweep.h), 4, self.entries)
+        gradients = np.zeros((len(sweep.stops), self.rows, self.inputs, len(sweep.table)))
+        places = self.costates.get_triplet()
+        for found, stop in zip(gradients, sweep.stops, strict=True):
+            if not stop:
+                continue  # y(0) is given
+            (matrix,) = call(self.observed, path[stop])
+            rows = matrix.reshape(self.size, self.rows).T[tuple(places)]
+            back = accumulated(self.pulled, stop)
+            _, by_controls = call(back, rows, tape[:stop][::-1], sweep.h[:stop][::-1])
+            by_controls = by_controls.reshape(stop, self.rows, 3, self.inputs)[::-1].transpose(2, 1, 3, 0)
+            with np.errstate(all="ignore"):  # a path that runs away is the caller's to judge
+                for column, values in zip(sweep.nodes[:stop].T, by_controls, strict=True):
+                    found[:, :, column] += values
+        with np.errstate(all="ignore"):
+            derivatives = gradients.reshape(-1, len(sweep.table)) @ sweep.table
+        return path, derivatives.reshape(len(sweep.stops), self.rows, -1)
+
+    def _step_symbols(self) -> tuple[ca.SX, ca.SX, ca.SX]:
+        return self._y, ca.SX.sym("h"), ca.SX.sym("u", self.inputs, 3)
+
+    def _split(self, tape: ca.SX) -> list[tuple[ca.SX, ca.SX]]:
+        """F and B of every stage."""
+        stages = [ca.SX(self._pattern, self._sign * tape[self._entry, i]) for i in range(4)]
+        return [(stage[:, : self.size], stage[:, self.size :]) for stage in stages]
+
+
+@lru_cache(maxsize=64)
+def runge_kutta_step(rate: ca.Function) -> ca.Function:
+    """(y, h, [u(t), u(t + h/2), u(t + h)]) ↦ y(t + h), the last argument m × 3."""
+    y, h = ca.SX.sym("y", rate.size1_in(0)), ca.SX.sym("h")
+    u = ca.SX.sym("u", rate.size1_in(1), 3)
+    following, _ = _stages(rate, y, h, u)
+    return ca.Function("step", [y, h, u], [ca.densify(following)], ["y", "h", "u"], ["next"])
+
+
+@lru_cache(maxsize=64)
+def scheme(rate: ca.Function, linearised: ca.Function, observed: ca.Function | None) -> Scheme:
+    """The `Scheme` of these functions, made once."""
+    return Scheme(rate, linearised, observed)
+
+
+def _stages(rate: ca.Function, y: ca.SX, h: ca.SX, u: ca.SX) -> tuple[ca.SX, list[ca.SX]]:
+    """y⁺ and the points Y_i."""
+    points, total, slope = [], ca.SX.zeros(y.size1()), ca.SX.zeros(y.size1())
+    for offset, place, weight in TABLEAU:
+        points.append(y + offset * h * slope if offset else y)
+        slope = rate(points[-1], u[:, place])
+        total += weight * slope
+    return y + h / 6 * total, points
+
+
+def _pulled(c: ca.SX, slopes: Sequence[tuple[ca.SX, ca.SX]], h: ca.SX) -> tuple[ca.SX, list[ca.SX]]:
+    """The rows c before the step, and their derivatives by the controls at start, middle and end."""
+    before, gradients, later = c, [ca.SX(0)] * 3, None
+    for (F, B), (offset, place, weight) in reversed(list(zip(slopes, TABLEAU, strict=True))):
+        share = (weight / 6 * h) * c
+        kappa = share if later is None else share + later
+        through = kappa @ F
+        gradients[place] = gradients[place] + kappa @ B
+        before = before + through
+        later = (offset * h) * through
+    return before, gradients
+
+
+def _different(matrix: ca.SX) -> tuple[ca.SX, list[int], ca.DM]:
+    """The entries of a matrix that differ by more than their sign, and for every entry which it is and its sign."""
+    found: dict[int, tuple[int, Any]] = {}
+    entry: Any
+    places, signs = [], []
+    for entry in matrix.nonzeros():
+        negative = entry.is_op(ca.OP_NEG)
+        entry = entry.dep(0) if negative else entry
+        places.append(found.setdefault(entry.element_hash(), (len(found), entry))[0])
+        signs.append(-1.0 if negative else 1.0)
+    return ca.vertcat(*[entry for _, entry in found.values()]), places, ca.DM(signs)
+
+
+def _entries(matrix: ca.SX, pattern: ca.Sparsity) -> ca.SX:
+    """The entries of a matrix at the places of a pattern, a column."""
+    rows, columns = pattern.get_triplet()
+    return ca.vertcat(*[matrix[i, j] for i, j in zip(rows, columns, strict=True)])
