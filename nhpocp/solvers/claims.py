@@ -64,4 +64,6 @@ def end_of(problem: PlanningProblem, control: Control, integrator: Integrator) -
 
 def finer(integrator: Integrator) -> Integrator:
     """Runge and Kutta's with ``FINER`` times the steps, which takes controls with jumps too."""
+    if isinstance(integrator, RungeKutta4):
+        return replace(integrator, steps=FINER * integrator.steps)
     return RungeKutta4(FINER * getattr(integrator, "steps", 100))
