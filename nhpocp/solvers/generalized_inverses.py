@@ -127,6 +127,10 @@ class Direction:
     blocked: bool = False
     spectrum: Spectrum | None = None
 
+    def length(self, change: Array) -> float:
+        """Size of a change of λ in the metric that this direction was found in."""
+        return float(np.linalg.norm(self.spectrum.factor.T @ change if self.spectrum else change))
+
     def within(self, radius: float) -> tuple[Array, Array]:
         """A step no longer than the radius, and its image: of all such the one that reduces |e + J δλ| most.
 

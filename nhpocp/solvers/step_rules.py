@@ -59,21 +59,23 @@ class Adaptive:
     of that promise which is kept widens or narrows Δ. A trial whose path is not finite, or jumps across a surface that
     the equations cannot cross, is refused like one that promises too much. Near the solution the step is (16)'s with
     γ = 1, Newton's method; γ of the records is the share of the error that the model promises to remove.
-    ``first_radius`` is in units of Λ₀'s own length.
+    ``first_radius`` is in units of 1 + |Λ₀|; lengths are those of the metric.
     """
 
     first_radius: float = 0.5
     kind: ClassVar[str] = "adaptive"
 
     def updates(self, here: Evaluation, evaluate: Evaluate) -> Iterator[Evaluation]:
-        radius = self.first_radius * (1.0 + float(np.linalg.norm(here.coefficients)))
+        if here.direction is None:
+            return
+        radius = self.first_radius * (1.0 + here.direction.length(here.coefficients.ravel()))
         smallest = 1e-7 * radius
         while radius > smallest and here.direction is not None and here.vector is not None:
             step, image = here.direction.within(radius)
             promised = here.merit - float(np.linalg.norm(here.vector + image))
             if not promised > 1e-9 * here.merit:
                 return
-            length = float(np.linalg.norm(step))
+            length = here.direction.length(step)
             trial = evaluate(here.coefficients + step.reshape(here.coefficients.shape), promised / here.merit)
             if trial.failure or trial.crossing:
                 radius = 0.25 * min(radius, length)
