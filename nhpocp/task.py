@@ -87,30 +87,28 @@ class Task:
         """The blocks' values as a point of the space that they make."""
         return np.asarray(self._fixed.pack({name: self.values[name] for name in self._fixed.names}))
 
-    def _part(self, point: Array) -> Array:
-        """The same blocks of a point."""
-        here = self.space.unpack(point)
-        return self._fixed.pack({name: here[name] for name in self._fixed.names})
-
-    @cached_property
-    def _scales(self) -> Array:
-        return np.where(np.array(self.units) == "length", 1.0 / self.scale, 1.0)
-
     def difference(self, point: Array) -> Array:
         """e, unweighted.
 
         Errors: `OrientationAtPiError` where a fixed rotation is a half turn away, or a direction opposite.
         """
-        space, parts = self._fixed, [np.empty(0)]
-        if space.blocks:
-            parts.append(np.asarray(space.difference(self._part(point), self._wanted)))
+        parts = []
+        if self._fixed.blocks:
+            found, angles = call(self._difference, point, self._wanted)
+            _refuse_half_turn(angles)
+            parts.append(found.ravel())
         for output in self.outputs:
             parts.append(self._output_error(output, _observed(self.system, output.name, point)[0]))
-        return np.concatenate(parts)
+        return np.concatenate(parts) if len(parts) > 1 else parts[0]
+
+    @cached_property
+    def _difference(self) -> ca.Function:
+        return _difference(self.space, self._fixed)
 
     def _output_error(self, output: Block, value: Array) -> Array:
         wanted = np.ravel(self.values[output.name])
         if output.kind == "direction":
+            _refuse_half_turn(np.arctan2(np.linalg.norm(np.cross(wanted, value)), wanted @ value))
             return np.asarray(_plane(wanted).T @ so3.between(wanted, value))
         return value - wanted
 
@@ -123,27 +121,13 @@ class Task:
         except OrientationAtPiError:
             return float("nan")
 
-    def angle(self, point: Array) -> float:
-        """The largest turn between a fixed rotation or direction and its value [rad]."""
-        here = self.space.unpack(point)
-        turned = [b.name for b in self.space.blocks if b.kind == "rotation" and b.name in self.values]
-        angles = [float(so3.angle(here[name] @ self.values[name].T)) for name in turned]
-        for output in self.outputs:
-            if output.kind == "direction":
-                value, wanted = _observed(self.system, output.name, point)[0], self.values[output.name]
-                angles.append(float(np.arctan2(np.linalg.norm(np.cross(wanted, value)), wanted @ value)))
-        return max(angles, default=0.0)
-
-    def half_turn(self, point: Array) -> bool:
-        """Whether a rotation or direction is opposite to its value, where e has no direction."""
-        return self.angle(point) > np.pi - HALF_TURN_WITHIN
-
-    def vector(self, point: Array) -> Array:
-        """e, dimensionless."""
-        return self.difference(point) * self._scales
+    @cached_property
+    def scales(self) -> Array:
+        """What makes each number of e dimensionless."""
+        return np.where(np.array(self.units) == "length", 1.0 / self.scale, 1.0)
 
     def jacobian(self, point: Array, jacobian: Array) -> Array:
-        """The rows that belong to `vector`, in its scale, from the Jacobian (dimension, k) of a point.
+        """The rows that belong to e, dimensionless, from the Jacobian (dimension, k) of a point.
 
         The rows for a rotation are s, not the derivative of the logarithm: [Paper] eq. (13) asks s = -γ r, which is
         parallel to r, so that ṙ = -γ r exactly. Those of an output are derivatives, whence ė = -γ e as well.
@@ -155,7 +139,7 @@ class Task:
                 wanted = np.ravel(self.values[output.name])
                 by_tangent = _plane(wanted).T @ call(_turning(), wanted, value)[0].T @ by_tangent
             parts.append(by_tangent @ jacobian)
-        return self._scales[:, None] * np.vstack(parts)
+        return self.scales[:, None] * (np.vstack(parts) if self.outputs else parts[0])
 
     def output_equations(self, state: Array) -> list[Array]:
         """Expressions of a point, one per number of e that belongs to an output, which vanish exactly where e does.
@@ -172,21 +156,45 @@ class Task:
             else:
                 value = value - xp.array(wanted)
             found += [value[i] for i in range(output.dimension)]
-        scales = self._scales[len(self.rows) :]
+        scales = self.scales[len(self.rows) :]
         return [scale * value for scale, value in zip(scales, found, strict=True)]
 
     def equations(self, state: Array) -> list[Array]:
         """The same for all of e, with Gibbs vectors for the blocks' rotations."""
         space, blocks = self._fixed, []
         if space.blocks:
-            local = space.coordinates(self._part(state), namespace(state).array(self._wanted))
-            blocks = [scale * local[i] for i, scale in enumerate(self._scales[: space.dimension])]
+            local = space.coordinates(_part(self.space, space, state), namespace(state).array(self._wanted))
+            blocks = [scale * local[i] for i, scale in enumerate(self.scales[: space.dimension])]
         return blocks + self.output_equations(state)
 
 
 def total_error(tasks: Iterable[Task], points: Iterable[Array]) -> float:
     """E over several tasks, each at the point that is to meet it."""
     return float(np.linalg.norm([task.error(point) for task, point in zip(tasks, points, strict=True)]))
+
+
+def _refuse_half_turn(angles: Array) -> None:
+    """Errors: `OrientationAtPiError` where one of the angles is a half turn, so that e has no direction."""
+    angle = float(np.max(angles, initial=0.0))
+    if angle > np.pi - HALF_TURN_WITHIN:
+        raise OrientationAtPiError(f"the orientation error is {angle:.9f} rad, a half turn")
+
+
+def _part(space: StateSpace, fixed: StateSpace, point: Array) -> Array:
+    """The numbers of a point that belong to some of its blocks."""
+    here = space.unpack(point)
+    return fixed.pack({name: here[name] for name in fixed.names})
+
+
+@lru_cache(maxsize=64)
+def _difference(space: StateSpace, fixed: StateSpace) -> ca.Function:
+    """(point, wanted blocks) ↦ (`StateSpace.difference` of the two, the angles of its rotations)."""
+    point, wanted = ca.SX.sym("x", space.size), ca.SX.sym("wanted", fixed.size)
+    part = _part(space, fixed, point)
+    here, there = fixed.unpack(part), fixed.unpack(wanted)
+    turns = [here[b.name] @ there[b.name].T for b in fixed.blocks if b.kind == "rotation"]
+    outputs = [fixed.difference(part, wanted), ca.vertcat(*[so3.angle(turn) for turn in turns])]
+    return ca.Function("difference", [point, wanted], ca.cse([ca.densify(ca.SX(part)) for part in outputs]))
 
 
 def _plane(direction: Array) -> Array:

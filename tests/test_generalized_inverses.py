@@ -16,6 +16,7 @@ from nhpocp.solvers.end_point_error import EndPointError
 from nhpocp.solvers.evaluation import Evaluator
 from nhpocp.solvers.generalized_inverses import (
     CoefficientMetric,
+    Coordinates,
     Damped,
     L2Metric,
     Lagrangian,
@@ -40,7 +41,7 @@ METRICS = [
 @pytest.mark.parametrize("metric", METRICS, ids=lambda metric: metric.kind)
 def test_step_solves_the_linear_equation_and_is_shortest_in_the_metric(metric):
     factor = metric.factor(Fourier(2), 3, 1.7)
-    found = MoorePenrose()(JACOBIAN, ERROR, factor)
+    found = MoorePenrose()(JACOBIAN, ERROR, Coordinates(factor))
     np.testing.assert_allclose(JACOBIAN @ found.step, -ERROR, atol=1e-12)
     assert found.rank == 6
     null = np.linalg.svd(JACOBIAN)[2][6:]
@@ -48,7 +49,7 @@ def test_step_solves_the_linear_equation_and_is_shortest_in_the_metric(metric):
 
 
 def test_coefficient_metric_is_the_pseudo_inverse():
-    found = MoorePenrose()(JACOBIAN, ERROR, CoefficientMetric().factor(Fourier(2), 3, 1.0))
+    found = MoorePenrose()(JACOBIAN, ERROR, Coordinates(CoefficientMetric().factor(Fourier(2), 3, 1.0)))
     np.testing.assert_allclose(found.step, -np.linalg.pinv(JACOBIAN) @ ERROR, atol=1e-12)
 
 
@@ -65,7 +66,7 @@ def test_l2_metric_measures_the_effort():
 @pytest.mark.parametrize("rank", range(6))
 def test_rank_is_found_and_the_rest_left_alone(rank):
     left, right = RANDOM.normal(size=(6, rank)), RANDOM.normal(size=(rank, 15))
-    found = MoorePenrose()(left @ right, ERROR, np.eye(15))
+    found = MoorePenrose()(left @ right, ERROR, Coordinates(np.eye(15)))
     assert found.rank == rank
     np.testing.assert_allclose(found.step, -np.linalg.pinv(left @ right, rcond=1e-8) @ ERROR, atol=1e-9)
 
@@ -74,7 +75,8 @@ def test_damped_is_moore_penrose_away_from_singularity():
     factor = L2Metric().factor(Fourier(2), 3, 1.0)
     assert np.linalg.cond(np.linalg.solve(factor, JACOBIAN.T)) < 50
     np.testing.assert_allclose(
-        Damped()(JACOBIAN, ERROR, factor).step, MoorePenrose()(JACOBIAN, ERROR, factor).step
+        Damped()(JACOBIAN, ERROR, Coordinates(factor)).step,
+        MoorePenrose()(JACOBIAN, ERROR, Coordinates(factor)).step,
     )
 
 
@@ -82,17 +84,19 @@ def test_damped_stays_bounded_where_moore_penrose_does_not():
     left, _, right = np.linalg.svd(JACOBIAN, full_matrices=False)
     for least in (1e-3, 1e-6, 0.0):
         nearly = left @ np.diag([3, 2, 2, 1, 1, least]) @ right
-        found = Damped()(nearly, ERROR, np.eye(15))
+        found = Damped()(nearly, ERROR, Coordinates(np.eye(15)))
         assert np.linalg.norm(found.step) < 0.5 / (0.02 * 3) * np.linalg.norm(ERROR) + np.linalg.norm(ERROR)
         assert not found.blocked
     assert (
-        np.linalg.norm(MoorePenrose()(left @ np.diag([3, 2, 2, 1, 1, 1e-3]) @ right, ERROR, np.eye(15)).step)
+        np.linalg.norm(
+            MoorePenrose()(left @ np.diag([3, 2, 2, 1, 1, 1e-3]) @ right, ERROR, Coordinates(np.eye(15))).step
+        )
         > 100
     )
 
 
 def test_transpose_is_the_best_step_along_steepest_descent():
-    found = Transpose()(JACOBIAN, ERROR, np.eye(15))
+    found = Transpose()(JACOBIAN, ERROR, Coordinates(np.eye(15)))
     np.testing.assert_allclose(np.cross(found.step[:3], (JACOBIAN.T @ ERROR)[:3]), 0, atol=1e-12)
     at = lambda share: np.linalg.norm(ERROR + share * JACOBIAN @ found.step)  # noqa: E731
     assert at(1.0) < min(at(0.9), at(1.1), at(0.0))
@@ -134,7 +138,7 @@ def evaluated(problem, inverse, factory=DifferentiatedEndPointMap, integrator=No
         along=inverse.looks_along,
     )
     factor = L2Metric().factor(problem.basis, 3, 1.0)
-    found = Evaluator(problem, end_point_map, inverse, factor)(problem.initial)
+    found = Evaluator(problem, end_point_map, inverse, Coordinates(factor))(problem.initial)
     return found, EndPointError(problem, found.end)
 
 

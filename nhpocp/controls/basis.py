@@ -18,6 +18,9 @@ class ControlBasis(Protocol):
 
     kind: ClassVar[str]
 
+    def __hash__(self) -> int:
+        return id(self)  # what is made for one is kept beside it; frozen dataclasses do better
+
     @property
     def size(self) -> int:
         """Functions per input."""

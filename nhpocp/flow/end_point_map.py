@@ -84,11 +84,7 @@ class DifferentiatedEndPointMap:
         shares: Sequence[float] = (),
         along: bool = False,
     ) -> None:
-        functions = numeric_system(system)
-        times = grid_through(integrator.grid(basis, horizon), shares, horizon)
-        self._flow: Flow = integrator.flow(
-            functions.rate_function, basis, horizon, times, functions.linearised_function
-        )
+        self._flow = _flow(system, basis, horizon, integrator, tuple(shares))
         self._start, self.times, self._lower = start, self._flow.times, _lower(system.state_space)
         self._stops, self._along = stops_of(self.times, shares, horizon), along
 
@@ -142,6 +138,16 @@ def stops_of(times: Array, shares: Sequence[float], horizon: float) -> tuple[int
     """Places of the shares, and of the end, in a grid that goes through them."""
     inner = [int(np.abs(times - share * horizon).argmin()) for share in shares]
     return (*inner, len(times) - 1)
+
+
+@lru_cache(maxsize=64)  # solves of a sweep differ in start and goal only
+def _flow(
+    system: System, basis: ControlBasis, horizon: float, integrator: Integrator, shares: tuple[float, ...]
+) -> Flow:
+    """The flow over the integrator's grid through these shares."""
+    functions = numeric_system(system)
+    times = grid_through(integrator.grid(basis, horizon), shares, horizon)
+    return integrator.flow(functions.rate_function, basis, horizon, times, functions.linearised_function)
 
 
 @lru_cache(maxsize=32)

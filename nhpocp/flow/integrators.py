@@ -53,6 +53,8 @@ class Integrator(Protocol):
 
     kind: ClassVar[str]
 
+    def __hash__(self) -> int: ...
+
     def grid(self, basis: ControlBasis, horizon: float) -> Array:
         """Times at which this integrator's own steps end (the basis's breakpoints among them)."""
         ...

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
 from nhpocp.arrays import Array
 from nhpocp.controls.control import Control
+from nhpocp.deferred import Deferred
 from nhpocp.flow.integrators import RungeKutta4, uniform_grid
 from nhpocp.objectives import INTEGRANDS, available
 from nhpocp.problem import PlanningProblem
@@ -22,28 +25,49 @@ CLOSE = 1e-7  # between the ends of a path and of the same with half the steps, 
 class Motion:
     """trajectory: "t" and every named quantity, samples first. costs: integrals by name, over the whole motion."""
 
-    trajectory: dict[str, Array]
-    costs: dict[str, float]
+    trajectory: Mapping[str, Array]
+    costs: Mapping[str, float]
 
 
 def simulate(problem: PlanningProblem, control: Control) -> Motion:
     """The motion under a control, at ``problem.samples`` equidistant times; NaN from where it cannot be integrated.
 
-    The costs are trapezoidal sums over the integration's own steps (relative error about 1e-6), each step seeing the
-    control's one-sided values; the effort is exact, from the Gram matrix.
+    It is integrated when it is first looked at. The costs are trapezoidal sums over the integration's own steps
+    (relative error about 1e-6), each step seeing the control's one-sided values; the effort is exact, from the Gram
+    matrix.
     """
-    numeric = numeric_system(problem.system)
-    samples, horizon = problem.samples, control.horizon
-    times, path = _path(problem, control, (samples - 1) * -(-STEPS_AT_LEAST // (samples - 1)))
-    costs, steps = {"effort": control.effort}, len(times) - 1
+    samples = problem.samples
+
+    @cache
+    def integrated() -> tuple[Array, Array]:
+        return _path(problem, control, (samples - 1) * -(-STEPS_AT_LEAST // (samples - 1)))
+
+    return Motion(
+        Deferred(lambda: _sampled(problem, control, *integrated())),
+        Deferred(lambda: _costs(problem, control, *integrated()), {"effort": control.effort}),
+    )
+
+
+def _sampled(problem: PlanningProblem, control: Control, times: Array, path: Array) -> dict[str, Array]:
+    """Every named quantity at the problem's samples of a path."""
+    kept = np.linspace(0.0, control.horizon, problem.samples)
+    places = np.searchsorted(times, kept - 1e-9 * control.horizon)
+    states = path[np.clip(places, 0, len(times) - 1)]
+    return {
+        "t": kept,
+        **numeric_system(problem.system).trajectory(states, control(kept), problem.scale),
+    }
+
+
+def _costs(problem: PlanningProblem, control: Control, times: Array, path: Array) -> dict[str, float]:
+    """The integrals that have no closed form."""
+    numeric, steps, costs = numeric_system(problem.system), len(times) - 1, {}
     states = np.vstack([path[:-1], path[1:]])
     controls = np.vstack([control(times[:-1], "right"), control(times[1:], "left")])
     for name in available(problem.system)[1:]:
         values = numeric.along(INTEGRANDS[name], states, controls, problem.scale)
         costs[name] = float(0.5 * np.diff(times) @ (values[:steps] + values[steps:]))
-    kept = np.linspace(0.0, horizon, samples)
-    kept_states = path[np.clip(np.searchsorted(times, kept - 1e-9 * horizon), 0, len(times) - 1)]
-    return Motion({"t": kept, **numeric.trajectory(kept_states, control(kept), problem.scale)}, costs)
+    return costs
 
 
 def _path(problem: PlanningProblem, control: Control, steps: int) -> tuple[Array, Array]:

@@ -16,6 +16,7 @@ import numpy as np
 
 from nhpocp.arrays import Array
 from nhpocp.controls.control import Control
+from nhpocp.deferred import Deferred
 from nhpocp.flow.end_point_map import DifferentiatedEndPointMap, EndPointMapFactory
 from nhpocp.flow.integrators import Integrator, RungeKutta4
 from nhpocp.flow.simulation import simulate
@@ -24,6 +25,7 @@ from nhpocp.solution import Outcome, Progress, Solution, Solver
 from nhpocp.solvers.evaluation import Evaluation, Evaluator
 from nhpocp.solvers.generalized_inverses import (
     CoefficientMetric,
+    Coordinates,
     GeneralizedInverse,
     Metric,
     MoorePenrose,
@@ -92,7 +94,7 @@ class Found:
     message: str
     error: float  # E as the continuation believes
     control: Control
-    records: list[dict[str, Any]]
+    records: list[Deferred]
     details: dict[str, Any]
     build_seconds: float
     solve_seconds: float
@@ -144,8 +146,8 @@ class _Run:
             along=solver.inverse.looks_along,
         )
         factor = solver.metric.factor(problem.basis, problem.system.input_space.size, self.horizon)
-        self.evaluator = Evaluator(problem, self.map, solver.inverse, factor)
-        self.records: list[dict[str, Any]] = []
+        self.evaluator = Evaluator(problem, self.map, solver.inverse, Coordinates(factor))
+        self.records: list[Deferred] = []
         self.updates, self.limit = 0, solver.max_iterations
         self.details: dict[str, Any] = {}
         self.here: Evaluation | None = None
@@ -238,22 +240,21 @@ class _Run:
         if len(self.records) > self.limit:
             raise LimitReached
         if self.records and not self.records[-1]["accepted"]:
-            self.records[-1]["k"] = self.updates  # it was a trial, and refused
+            self.records[-1] |= {"k": self.updates}  # it was a trial, and refused
         evaluation = self.evaluator(coefficients)
         direction = evaluation.direction
         change = np.linalg.norm(coefficients - self.here.coefficients) if self.here else 0.0
-        self.records.append(
-            {
-                "k": self.updates + (self.here is not None),
-                "error": evaluation.error if np.isfinite(evaluation.error) else None,
-                "step": float(change),
-                "gamma": gamma,
-                "rank": direction.rank if direction else None,
-                "sigma_jacobian": float(direction.singular_values[-1]) if direction else None,
-                **evaluation.margins,
-                "accepted": False,
-            }
-        )
+        known = {
+            "k": self.updates + (self.here is not None),
+            "error": evaluation.error if np.isfinite(evaluation.error) else None,
+            "step": float(change),
+            "gamma": gamma,
+            "rank": direction.rank if direction else None,
+            "sigma_jacobian": float(direction.singular_values[-1]) if direction else None,
+            "accepted": False,
+        }
+        path = evaluation.end.path
+        self.records.append(Deferred(lambda: self.evaluator.margins(path), known))
         if self.progress:
             self.progress(self.records[-1])
         return evaluation

@@ -9,34 +9,37 @@ import numpy as np
 from nhpocp.arrays import Array
 from nhpocp.flow.end_point_map import EndPoint
 from nhpocp.problem import PlanningProblem
-from nhpocp.task import total_error
 
 
 class EndPointError:
     """e of every task along one path and E, their norm with the problem's weights.
 
-    e and J, for the linear algebra, are dimensionless.
+    e and J, for the linear algebra, are dimensionless. Errors: where an orientation is opposite to its goal, e and E
+    are an `OrientationAtPiError`.
     """
 
     def __init__(self, problem: PlanningProblem, end: EndPoint) -> None:
-        self._met = [(task, end.path[stop]) for task, stop in zip(problem.tasks, end.stops, strict=True)]
-        self._jacobians = end.jacobians
-
-    @property
-    def half_turn(self) -> float | None:
-        """The angle of an orientation that is opposite to its goal, where the logarithm has no direction [rad]."""
-        return next((task.angle(point) for task, point in self._met if task.half_turn(point)), None)
+        self._tasks, self._end = problem.tasks, end
+        self._points = [end.path[stop] for stop in end.stops]
 
     @cached_property
+    def _differences(self) -> list[Array]:
+        return [task.difference(point) for task, point in zip(self._tasks, self._points, strict=True)]
+
+    @property
     def vector(self) -> Array:
-        return np.concatenate([task.vector(point) for task, point in self._met])
+        pairs = zip(self._tasks, self._differences, strict=True)
+        return np.concatenate([task.scales * difference for task, difference in pairs])
 
     @property
     def jacobian(self) -> Array:
-        pairs = zip(self._met, self._jacobians, strict=True)
-        return np.vstack([task.jacobian(point, rows) for (task, point), rows in pairs])
+        parts = zip(self._tasks, self._points, self._end.jacobians, strict=True)
+        return np.concatenate([task.jacobian(point, rows) for task, point, rows in parts])
 
     @property
     def norm(self) -> float:
         """E(θ), [Paper] section 4."""
-        return total_error(*zip(*self._met, strict=True))
+        pairs = zip(self._tasks, self._differences, strict=True)
+        return float(
+            np.linalg.norm(np.concatenate([task.weights * difference for task, difference in pairs]))
+        )

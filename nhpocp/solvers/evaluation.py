@@ -7,11 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from nhpocp.arrays import Array
+from nhpocp.errors import OrientationAtPiError
 from nhpocp.flow.end_point_map import EndPoint, EndPointMap
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Outcome
 from nhpocp.solvers.end_point_error import EndPointError
-from nhpocp.solvers.generalized_inverses import Direction, GeneralizedInverse, LinearisedPath
+from nhpocp.solvers.generalized_inverses import Coordinates, Direction, GeneralizedInverse, LinearisedPath
 from nhpocp.systems.numeric import numeric_system
 
 SINGULAR = {"s": Outcome.SINGULAR_S, "w": Outcome.SINGULAR_W}  # by the name of the regularity matrix
@@ -33,7 +34,6 @@ class Evaluation:
     coefficients: Array
     end: EndPoint
     error: float  # E; infinite where the end point is not finite or an orientation is at π
-    margins: dict[str, float | None]  # least σ of every regularity matrix along the path
     vector: Array | None = None  # e, dimensionless (`EndPointError.vector`)
     direction: Direction | None = None  # the full step; None where there is no error to reduce
     failure: Trouble | None = None  # the end point is useless
@@ -49,54 +49,55 @@ class Evaluator:
     """Evaluates controls of one problem with one end-point map and one generalized inverse."""
 
     def __init__(
-        self, problem: PlanningProblem, end_point_map: EndPointMap, inverse: GeneralizedInverse, factor: Array
+        self,
+        problem: PlanningProblem,
+        end_point_map: EndPointMap,
+        inverse: GeneralizedInverse,
+        metric: Coordinates,
     ) -> None:
-        self.problem, self.map, self.inverse, self.factor = problem, end_point_map, inverse, factor
+        self.problem, self.map, self.inverse, self.metric = problem, end_point_map, inverse, metric
         self.numeric = numeric_system(problem.system)
 
     def __call__(self, coefficients: Array) -> Evaluation:
         end = self.map(coefficients)
-        margins = self._margins(end.path)
-        least = {name: _least(values) for name, values in margins.items() if name.startswith("sigma")}
-        crossing = self._crossing(margins)
+        determinants = self._determinants(end.path)
+        crossing = self._crossing(determinants)
         if not (np.isfinite(end.path).all() and np.isfinite(end.jacobian).all()):
-            failure = crossing or self._vanishing(margins) or self._overflow(end.path)
-            return Evaluation(coefficients, end, np.inf, least, failure=failure)
+            failure = crossing or self._vanishing(determinants) or self._overflow(end.path)
+            return Evaluation(coefficients, end, np.inf, failure=failure)
         residual = EndPointError(self.problem, end)
-        if residual.half_turn:
-            sentence = f"the orientation error is {residual.half_turn:.9f} rad, a half turn"
-            trouble = Trouble(Outcome.ORIENTATION_AT_PI, sentence)
-            return Evaluation(coefficients, end, np.inf, least, failure=trouble)
-        direction = self.inverse(residual.jacobian, residual.vector, self._metric(end))
-        return Evaluation(
-            coefficients, end, residual.norm, least, residual.vector, direction, crossing=crossing
-        )
+        try:
+            error, vector = residual.norm, residual.vector
+        except OrientationAtPiError as opposite:
+            trouble = Trouble(Outcome.ORIENTATION_AT_PI, str(opposite))
+            return Evaluation(coefficients, end, np.inf, failure=trouble)
+        direction = self.inverse(residual.jacobian, vector, self._metric(end))
+        return Evaluation(coefficients, end, error, vector, direction, crossing=crossing)
 
-    def _metric(self, end: EndPoint) -> Array:
-        """The factor in which δλ is measured here."""
+    def _metric(self, end: EndPoint) -> Coordinates:
+        """How δλ is measured here."""
         if end.variations is None:
-            return self.factor
+            return self.metric
         problem, space = self.problem, self.problem.system.state_space
         scales = np.array([problem.scale if unit == "length" else 1.0 for unit in space.tangent_units])
         variations = end.variations / scales[:, None]
         inputs = problem.system.input_space.size
         own = self.inverse.metric(LinearisedPath(self.map.times, variations, problem.basis, inputs))
-        return self.factor if own is None else own
+        return self.metric if own is None else Coordinates(own)
 
-    def _margins(self, path: Array) -> dict[str, Array]:
-        """σ and det of every regularity matrix along the finite part of the path."""
-        finite = path[np.isfinite(path).all(axis=1)]
-        return self.numeric.margins(finite, self.problem.scale)
+    def margins(self, path: Array) -> dict[str, float | None]:
+        """The least σ of every regularity matrix along the finite part of a path."""
+        found = self.numeric.margins(_finite(path), self.problem.scale)
+        return {name: _least(values) for name, values in found.items() if name.startswith("sigma")}
 
-    def _determinants(self, margins: dict[str, Array]) -> dict[str, Array]:
+    def _determinants(self, path: Array) -> dict[str, Array]:
         """Of the matrices that the equations divide by; undefined counts as zero (a leg along its own w4 has no w3)."""
-        return {
-            name: np.nan_to_num(margins[f"det_{name}"], nan=0.0) for name in self.problem.system.breaking()
-        }
+        found = self.numeric.breaking(_finite(path))
+        return {name: np.nan_to_num(values, nan=0.0) for name, values in found.items()}
 
-    def _crossing(self, margins: dict[str, Array]) -> Trouble | None:
+    def _crossing(self, determinants: dict[str, Array]) -> Trouble | None:
         """The first change of sign of a determinant that the equations divide by."""
-        for name, values in self._determinants(margins).items():
+        for name, values in determinants.items():
             changes = np.flatnonzero(np.sign(values) * np.sign(values[0]) <= 0)
             if changes.size and changes[0] == 0:
                 return _trouble(name, "vanishes at the start")
@@ -105,9 +106,9 @@ class Evaluator:
                 return _trouble(name, f"changes sign between t = {before:.4g} and {after:.4g}")
         return None
 
-    def _vanishing(self, margins: dict[str, Array]) -> Trouble | None:
+    def _vanishing(self, determinants: dict[str, Array]) -> Trouble | None:
         """A path that is not finite may have landed on the same side of a surface that it ran into."""
-        for name, values in self._determinants(margins).items():
+        for name, values in determinants.items():
             share = np.abs(values / values[0])
             if share.min() < SINGULAR_BELOW:
                 where = self.map.times[int(np.argmin(share))]
@@ -118,6 +119,11 @@ class Evaluator:
         good = int(np.isfinite(path).all(axis=1).sum())
         where = self.map.times[min(good, len(self.map.times) - 1)]
         return Trouble(Outcome.NOT_FINITE, f"the integration is not finite from t = {where:.4g} on")
+
+
+def _finite(path: Array) -> Array:
+    finite = np.isfinite(path)
+    return path if finite.all() else path[finite.all(axis=1)]
 
 
 def _trouble(name: str, words: str) -> Trouble:

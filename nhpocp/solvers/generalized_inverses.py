@@ -55,6 +55,26 @@ class WeightedMetric:
         return np.kron(root, np.linalg.cholesky(basis.gram(horizon)))
 
 
+class Coordinates:
+    """z = Lᵀ λ, in which a metric is the plain length: ⟨λ, λ⟩ = |z|²."""
+
+    def __init__(self, factor: Array) -> None:
+        self.factor = factor
+        self._back = np.linalg.inv(factor.T)
+
+    def jacobian(self, by_coefficients: Array) -> Array:
+        """J over z, from J over λ."""
+        return by_coefficients @ self._back
+
+    def coefficients(self, z: Array) -> Array:
+        """λ of z."""
+        return self._back @ z
+
+    def length(self, coefficients: Array) -> float:
+        """√⟨λ, λ⟩."""
+        return float(np.linalg.norm(self.factor.T @ coefficients))
+
+
 def weight_root(weights: Any, size: int, *, definite: bool) -> Array:
     """A matrix C with CᵀC = W, for W given as a number, as a diagonal or as itself.
 
@@ -88,12 +108,12 @@ class LinearisedPath:
 
 @dataclass(frozen=True)
 class Spectrum:
-    """The singular value decomposition of J in the metric's orthonormal coordinates L^T λ, and e in its basis."""
+    """The singular value decomposition of J over the metric's `Coordinates`, and e in its basis."""
 
     left: Array
     values: Array
     right: Array
-    factor: Array
+    coordinates: Coordinates
     error: Array
 
     def within(self, radius: float) -> tuple[Array, Array]:
@@ -111,7 +131,7 @@ class Spectrum:
                 break
             damping += excess * squared / float(inner @ (inner / (values**2 + damping)))
             inner = values * error / (values**2 + damping)
-        step = np.linalg.solve(self.factor.T, -self.right[used].T @ inner)
+        step = self.coordinates.coefficients(-self.right[used].T @ inner)
         return step, -self.left[:, used] @ (values * inner)
 
 
@@ -129,7 +149,7 @@ class Direction:
 
     def length(self, change: Array) -> float:
         """Size of a change of λ in the metric that this direction was found in."""
-        return float(np.linalg.norm(self.spectrum.factor.T @ change if self.spectrum else change))
+        return self.spectrum.coordinates.length(change) if self.spectrum else float(np.linalg.norm(change))
 
     def within(self, radius: float) -> tuple[Array, Array]:
         """A step no longer than the radius, and its image: of all such the one that reduces |e + J δλ| most.
@@ -152,7 +172,7 @@ class GeneralizedInverse(Protocol):
         """The factor, as of a `Metric`, of an inverse that measures δλ by what it does to the whole path; else None."""
         return None
 
-    def __call__(self, jacobian: Array, error: Array, factor: Array) -> Direction: ...
+    def __call__(self, jacobian: Array, error: Array, coordinates: Coordinates) -> Direction: ...
 
 
 @dataclass(frozen=True)
@@ -166,12 +186,12 @@ class MoorePenrose(GeneralizedInverse):
     rank_tolerance: float = 1e-8
     kind: ClassVar[str] = "moore_penrose"
 
-    def __call__(self, jacobian: Array, error: Array, factor: Array) -> Direction:
-        left, values, right = scaled_svd(jacobian, factor)
+    def __call__(self, jacobian: Array, error: Array, coordinates: Coordinates) -> Direction:
+        left, values, right = scaled_svd(jacobian, coordinates)
         rank = rank_of(values, self.rank_tolerance)
         inner = -right[:rank].T @ ((left[:, :rank].T @ error) / values[:rank])
-        step = np.linalg.solve(factor.T, inner)
-        spectrum = Spectrum(left, values, right, factor, left.T @ error)
+        step = coordinates.coefficients(inner)
+        spectrum = Spectrum(left, values, right, coordinates, left.T @ error)
         return Direction(step, jacobian @ step, rank, values, rank < len(error), spectrum)
 
 
@@ -186,13 +206,13 @@ class Damped(GeneralizedInverse):
     most: float = 0.02
     kind: ClassVar[str] = "damped"
 
-    def __call__(self, jacobian: Array, error: Array, factor: Array) -> Direction:
-        left, values, right = scaled_svd(jacobian, factor)
+    def __call__(self, jacobian: Array, error: Array, coordinates: Coordinates) -> Direction:
+        left, values, right = scaled_svd(jacobian, coordinates)
         threshold = self.share * values[0]
         least = values[-1] if len(values) == len(error) else 0.0
         damping = self.most * values[0] * max(0.0, 1.0 - least / threshold) if threshold > 0 else 1.0
         inner = -right.T @ (values / (values**2 + damping**2) * (left.T @ error))
-        step = np.linalg.solve(factor.T, inner)
+        step = coordinates.coefficients(inner)
         return Direction(step, jacobian @ step, rank_of(values, 1e-8), values)
 
 
@@ -202,9 +222,9 @@ class Transpose(GeneralizedInverse):
 
     kind: ClassVar[str] = "transpose"
 
-    def __call__(self, jacobian: Array, error: Array, factor: Array) -> Direction:
-        _, values, _ = scaled_svd(jacobian, factor)
-        gradient = np.linalg.solve(factor.T, np.linalg.solve(factor, jacobian.T @ error))
+    def __call__(self, jacobian: Array, error: Array, coordinates: Coordinates) -> Direction:
+        _, values, _ = scaled_svd(jacobian, coordinates)
+        gradient = coordinates.coefficients(coordinates.jacobian(jacobian).T @ error)
         image = jacobian @ gradient
         squared = float(image @ image)
         alpha = float(error @ image) / squared if squared > 0 else 0.0
@@ -241,13 +261,13 @@ class Lagrangian(GeneralizedInverse):
         # the sum of squares as one triangle, never squared: M may be large beside P
         return np.asarray(np.linalg.qr(np.vstack([of_states, of_controls]), mode="r")).T
 
-    def __call__(self, jacobian: Array, error: Array, factor: Array) -> Direction:
-        return MoorePenrose(self.rank_tolerance)(jacobian, error, factor)
+    def __call__(self, jacobian: Array, error: Array, coordinates: Coordinates) -> Direction:
+        return MoorePenrose(self.rank_tolerance)(jacobian, error, coordinates)
 
 
-def scaled_svd(jacobian: Array, factor: Array) -> tuple[Array, Array, Array]:
-    """Singular value decomposition of J L⁻ᵀ: J between the metric's orthonormal coordinates and the error."""
-    left, values, right = np.linalg.svd(np.linalg.solve(factor, jacobian.T).T, full_matrices=False)
+def scaled_svd(jacobian: Array, coordinates: Coordinates) -> tuple[Array, Array, Array]:
+    """Singular value decomposition of J between the metric's orthonormal coordinates and the error."""
+    left, values, right = np.linalg.svd(coordinates.jacobian(jacobian), full_matrices=False)
     return left, values, right
 
 

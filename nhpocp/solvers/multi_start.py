@@ -65,7 +65,7 @@ class MultiStart:
             }
             for i, one in enumerate(found, 1)
         ]
-        records = [{**record, "attempt": i} for i, one in enumerate(found) for record in one.records]
+        records = [record | {"attempt": i} for i, one in enumerate(found) for record in one.records]
         message = f"{best.message}; start {found.index(best) + 1} of {self.starts}"
         return replace(best, message=message, records=records, details={**best.details, "tried": tried})
 

@@ -12,6 +12,7 @@ import numpy as np
 from nhpocp.arrays import Array
 from nhpocp.controls.control import Control
 from nhpocp.controls.sequence import join, retimed
+from nhpocp.deferred import Deferred
 from nhpocp.errors import OrientationAtPiError
 from nhpocp.flow.integrators import RungeKutta4
 from nhpocp.problem import Horizon, PlanningProblem
@@ -68,7 +69,7 @@ class _Search:
     def __init__(self, solver: Auto, problem: PlanningProblem, progress: Progress | None) -> None:
         self.base, self.restarts = solver.continuation, solver.restarts
         self.problem, self.space, self.progress = problem, problem.system.state_space, progress
-        self.records: list[dict[str, Any]] = []
+        self.records: list[Deferred] = []
         self.tried: list[dict[str, Any]] = []
 
     def found(self) -> Found:
@@ -140,7 +141,7 @@ class _Search:
             raise _Spent
         found = confirmed(solver, problem, self.progress)
         attempt = len(self.tried)
-        self.records += [{**record, "attempt": attempt} for record in found.records]
+        self.records += [record | {"attempt": attempt} for record in found.records]
         return found
 
     def _try(self, problem: PlanningProblem, seed: int) -> Found:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -59,10 +59,16 @@ class NumericSystem:
 
     @cached_property
     def _regularity(self) -> tuple[ca.Function, dict[str, tuple[int, int]]]:
+        return self._function("regularity", self._matrices(tuple(self.system.regularity(self._state))))
+
+    @cached_property
+    def _breaking(self) -> tuple[ca.Function, dict[str, tuple[int, int]]]:
+        found = self._matrices(self.system.breaking())
+        return self._function("breaking", {name: _expanded(matrix) for name, matrix in found.items()})
+
+    def _matrices(self, names: Sequence[str]) -> dict[str, ca.SX]:
         matrices = self.system.regularity(self._state)
-        return self._function(
-            "regularity", {key: ca.densify(ca.SX(value)) for key, value in matrices.items()}
-        )
+        return {name: ca.densify(ca.SX(matrices[name])) for name in names}
 
     def outputs(self, states: Array, controls: Array) -> dict[str, Array]:
         """The system's outputs at samples: states (k, n), controls (k, m) → (k, …) each."""
@@ -83,6 +89,12 @@ class NumericSystem:
     def determinants(self, states: Array) -> dict[str, Array]:
         """det of every regularity matrix at samples, (k,) each."""
         return {name: _determinant(matrices) for name, matrices in self.regularity(states).items()}
+
+    def breaking(self, states: Array) -> dict[str, Array]:
+        """The same for the matrices alone that the equations invert, `System.breaking`."""
+        controls = np.zeros((len(states), self.system.input_space.size))
+        found = _evaluate(*self._breaking, states, controls)
+        return {name: _determinant(values) if values.ndim == 3 else values for name, values in found.items()}
 
     def margins(self, states: Array, length_scale: float) -> dict[str, Array]:
         """sigma_* (least singular value, rotation columns divided by ``length_scale``) and det_* at samples."""
@@ -124,6 +136,11 @@ def _evaluate(
         shape = (samples, rows, cols) if cols > 1 else (samples, rows) if rows > 1 else (samples,)
         found[name] = value.reshape(shape)
     return found
+
+
+def _expanded(matrix: ca.SX) -> ca.SX:
+    """det of a small matrix, written out; a larger one as it is, for an elimination with pivots."""
+    return ca.det(matrix) if matrix.size1() <= 3 else matrix
 
 
 def _determinant(matrices: Array) -> Array:

@@ -1,0 +1,41 @@
+"""Mappings whose entries are worked out when they are first looked at: what a sweep never asks for costs it nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from functools import cached_property
+from typing import Any
+
+
+class Deferred(Mapping[str, Any]):
+    """``known`` entries at once, those of ``rest()`` on demand; copied or pickled, a dict of them all."""
+
+    def __init__(self, rest: Callable[[], Mapping[str, Any]], known: Mapping[str, Any] | None = None) -> None:
+        self._make, self._known = rest, dict(known or {})
+
+    @cached_property
+    def _rest(self) -> Mapping[str, Any]:
+        return self._make()
+
+    @cached_property
+    def _whole(self) -> dict[str, Any]:
+        return {**self._known, **self._rest, **self._known}
+
+    def __getitem__(self, name: str) -> Any:
+        return self._known[name] if name in self._known else self._whole[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._whole)
+
+    def __len__(self) -> int:
+        return len(self._whole)
+
+    def __or__(self, more: Mapping[str, Any]) -> Deferred:
+        """With further known entries, or others in place of these."""
+        return Deferred(lambda: self._rest, {**self._known, **more})
+
+    def __repr__(self) -> str:
+        return f"Deferred({self._known!r}, …)"
+
+    def __reduce__(self) -> tuple[type[dict[str, Any]], tuple[dict[str, Any]]]:
+        return dict, (dict(self),)
