@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
+from threading import get_ident
 from typing import Any
 
 import casadi as ca
@@ -17,26 +19,41 @@ def call(function: ca.Function, *arguments: Array) -> tuple[Array, ...]:
     CasADi stores matrices by columns: an n × k argument is passed, and an n × k result handed back, as a (k, n) array,
     so that samples come first. A scalar or a vector may be passed as it is. Errors: `ValueError` for a wrong size.
     """
-    buffer: Any
-    buffer, evaluate = function.buffer()
-    kept = []
-    for place, argument in enumerate(arguments):
-        array = np.ascontiguousarray(argument, dtype=float)
-        if array.size != function.nnz_in(place):
-            raise ValueError(
-                f"{array.size} numbers for {function.name_in(place)}, {function.nnz_in(place)} expected"
-            )
-        kept.append(array)
-        buffer.set_arg(place, array.data)
-    results = []
-    for place in range(function.n_out()):
-        shape = function.size2_out(place), function.size1_out(place)
-        if function.nnz_out(place) != shape[0] * shape[1]:
-            raise ValueError(f"{function.name_out(place)} of {function.name()} is sparse")
-        results.append(np.empty(shape))
-        buffer.set_res(place, results[-1].data)
-    evaluate()
-    return tuple(results)
+    return _caller(function, get_ident())(arguments)
+
+
+@lru_cache(maxsize=512)  # asking CasADi for a buffer and for sizes costs more than a small function does
+def _caller(function: ca.Function, thread: int) -> _Caller:
+    return _Caller(function)
+
+
+class _Caller:
+    """One thread's buffer of a function, and the sizes of what goes in and out."""
+
+    def __init__(self, function: ca.Function) -> None:
+        buffer: Any
+        buffer, self._evaluate = function.buffer()
+        self._buffer, self._function = buffer, function
+        self._sizes = [function.nnz_in(place) for place in range(function.n_in())]
+        self._shapes = [
+            (function.size2_out(place), function.size1_out(place)) for place in range(function.n_out())
+        ]
+        for place, (columns, rows) in enumerate(self._shapes):
+            if function.nnz_out(place) != columns * rows:
+                raise ValueError(f"{function.name_out(place)} of {function.name()} is sparse")
+
+    def __call__(self, arguments: Sequence[Array]) -> tuple[Array, ...]:
+        kept = [np.ascontiguousarray(argument, dtype=float) for argument in arguments]
+        for place, (array, size) in enumerate(zip(kept, self._sizes, strict=True)):
+            if array.size != size:
+                name = self._function.name_in(place)
+                raise ValueError(f"{array.size} numbers for {name}, {size} expected")
+            self._buffer.set_arg(place, array.data)
+        results = tuple([np.empty(shape) for shape in self._shapes])
+        for place, result in enumerate(results):
+            self._buffer.set_res(place, result.data)
+        self._evaluate()
+        return results
 
 
 @lru_cache(maxsize=128)  # making a map costs more than calling it
