@@ -38,7 +38,7 @@ def to_json(solution: Solution) -> dict[str, Any]:
         "iterations": list(solution.iterations),
         "evaluations": solution.evaluations,
         "control": {"input": problem.system.input_label(), **solution.control.to_json()},
-        "trajectory": {name: np.asarray(values).tolist() for name, values in solution.trajectory.items()},
+        "trajectory": {name: np.asarray(values) for name, values in solution.trajectory.items()},
         "crossings": [crossing.to_json() for crossing in verdict.crossings] if verdict else [],
         "length_scale": problem.scale,
         "constraints": {r.bound.label: r.to_json() for r in verdict.bounds} if verdict else {},
@@ -56,7 +56,9 @@ def plain(value: Any) -> Any:
     if isinstance(value, np.integer | np.bool_):
         return value.item()
     if isinstance(value, np.ndarray):
-        return plain(value.tolist())
+        # entry by entry only where there is something to replace
+        whole = value.dtype.kind != "f" or np.isfinite(value).all()
+        return value.tolist() if whole and value.dtype != object else plain(value.tolist())
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):

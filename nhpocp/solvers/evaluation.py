@@ -87,8 +87,8 @@ class Evaluator:
 
     def margins(self, path: Array) -> dict[str, float | None]:
         """The least σ of every regularity matrix along the finite part of a path."""
-        found = self.numeric.margins(_finite(path), self.problem.scale)
-        return {name: _least(values) for name, values in found.items() if name.startswith("sigma")}
+        found = self.numeric.sigmas(_finite(path), self.problem.scale)
+        return {name: _least(values) for name, values in found.items()}
 
     def _determinants(self, path: Array) -> dict[str, Array]:
         """Of the matrices that the equations divide by; undefined counts as zero (a leg along its own w4 has no w3)."""

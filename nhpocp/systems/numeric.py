@@ -96,17 +96,17 @@ class NumericSystem:
         found = _evaluate(*self._breaking, states, controls)
         return {name: _determinant(values) if values.ndim == 3 else values for name, values in found.items()}
 
+    def sigmas(self, states: Array, length_scale: float) -> dict[str, Array]:
+        """sigma_* of every regularity matrix at samples: its least singular value, rotations divided by a length."""
+        return {
+            f"sigma_{name}": _least_singular_value(matrices / self.system.column_scales(name, length_scale))
+            for name, matrices in self.regularity(states).items()
+        }
+
     def margins(self, states: Array, length_scale: float) -> dict[str, Array]:
-        """sigma_* (least singular value, rotation columns divided by ``length_scale``) and det_* at samples."""
-        found: dict[str, Array] = {}
-        for name, matrices in self.regularity(states).items():
-            finite = np.isfinite(matrices).all(axis=(1, 2))
-            scaled = np.where(
-                finite[:, None, None], matrices / self.system.column_scales(name, length_scale), 0.0
-            )
-            found[f"sigma_{name}"] = np.where(finite, np.linalg.svd(scaled, compute_uv=False)[:, -1], np.nan)
-            found[f"det_{name}"] = _determinant(matrices)
-        return found
+        """The same and det_* of every regularity matrix."""
+        determinants = {f"det_{name}": values for name, values in self.determinants(states).items()}
+        return {**self.sigmas(states, length_scale), **determinants}
 
     def trajectory(self, states: Array, controls: Array, length_scale: float) -> dict[str, Array]:
         """Everything worth knowing at samples: state blocks, inputs, outputs, margins; (k, …) arrays by name."""
@@ -136,6 +136,13 @@ def _evaluate(
         shape = (samples, rows, cols) if cols > 1 else (samples, rows) if rows > 1 else (samples,)
         found[name] = value.reshape(shape)
     return found
+
+
+def _least_singular_value(matrices: Array) -> Array:
+    """Of (k, r, r), NaN where an entry is."""
+    finite = np.isfinite(matrices).all(axis=(1, 2))
+    values = np.linalg.svd(np.where(finite[:, None, None], matrices, 0.0), compute_uv=False)
+    return np.where(finite, values[:, -1], np.nan)
 
 
 def _expanded(matrix: ca.SX) -> ca.SX:
