@@ -22,6 +22,8 @@ REACH = 3.0  # times the last step that was kept
 FIRST_REACH = 0.5  # times the size of y
 FAR = 1.0  # of e, dimensionless: where the model of the surface is no guide back to it
 NOTHING = 1e-14  # of the merit: a promise not worth a step
+NOISE = 1e-13  # of the merit: what rounding may add to it
+PATIENCE = 10  # steps in a row that gain no more than that
 FLATTEST, STEEPEST = 1e-4, 1e5  # curvatures of the model, times its first one, beyond which it begins again
 
 
@@ -91,6 +93,7 @@ def minimise(
     first = curvature * np.eye(len(y))
     model, fresh = (first, True) if hessian is None else (hessian, False)
     history: list[dict[str, Any]] = []
+    idle = 0
     for k in range(most):
         history.append({"k": k, "cost": point.f, "optimality": float(np.linalg.norm(point.residual))})
         if history[-1]["optimality"] < tolerance * max(1.0, float(np.linalg.norm(point.gradient))):
@@ -109,7 +112,10 @@ def minimise(
             continue
         change = there.lagrangian_slope(there) - point.lagrangian_slope(there)
         model, fresh = _bfgs(model, there.y - point.y, change, curvature), False
+        idle = idle + 1 if point.merit - there.merit < NOISE * abs(point.merit) else 0
         point = there
+        if idle == PATIENCE:  # held by the controls that may not be used
+            break
     return search.result(point, False, history, model)
 
 
@@ -220,7 +226,7 @@ class _Search:
             if there:
                 # what Newton's method left of e is paid for at the multipliers' price
                 gain = point.merit - there.merit + float(point.mu @ (point.e - there.e))
-                if gain >= 1e-4 * share * promised - 1e-13 * abs(point.merit):
+                if gain >= 1e-4 * share * promised - NOISE * abs(point.merit):
                     self.reach = REACH * share * length
                     return there
             share *= 0.5
