@@ -39,6 +39,14 @@ class ControlBasis(Protocol):
         """φ at many times (NumPy, (k,) → (k, size)); at a breakpoint the limit from the given side."""
         ...
 
+    def derivative_table(self, times: Array, horizon: float, side: Side = "right") -> Array:
+        """dφ/dt at many times, (k, size), exactly; at a breakpoint the limit from the given side."""
+        ...
+
+    def integral_table(self, times: Array, horizon: float) -> Array:
+        """∫₀ᵗ φ dt at many times, (k, size), exactly."""
+        ...
+
     def gram(self, horizon: float) -> Array:
         """∫₀ᵀ φ φᵀ dt, size × size."""
         ...

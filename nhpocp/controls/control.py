@@ -34,6 +34,14 @@ class Control:
         """Values at times (k,) → (k, inputs)."""
         return self.basis.table(np.atleast_1d(times), self.horizon, side) @ self.coefficients.T
 
+    def derivative(self, times: Array, side: Side = "right") -> Array:
+        """du/dt at times (k,) → (k, inputs); a jump has none."""
+        return self.basis.derivative_table(np.atleast_1d(times), self.horizon, side) @ self.coefficients.T
+
+    def integral(self, times: Array) -> Array:
+        """∫₀ᵗ u dt at times (k,) → (k, inputs)."""
+        return self.basis.integral_table(np.atleast_1d(times), self.horizon) @ self.coefficients.T
+
     @property
     def effort(self) -> float:
         """∫₀ᵀ |u|² dt, exactly, from the Gram matrix."""

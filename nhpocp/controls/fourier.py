@@ -35,10 +35,26 @@ class Fourier(ControlBasis):
 
     def table(self, times: Array, horizon: float, side: Side = "right") -> Array:
         times = np.asarray(times, dtype=float)
-        phases = 2 * np.pi / horizon * np.multiply.outer(times, np.arange(1, self.harmonics + 1))
+        phases = np.multiply.outer(times, self._rates(horizon))
         table = np.ones((len(times), self.size))
         table[:, 1::2], table[:, 2::2] = np.sin(phases), np.cos(phases)
         return table
+
+    def derivative_table(self, times: Array, horizon: float, side: Side = "right") -> Array:
+        table, rates = self.table(times, horizon), self._rates(horizon)
+        found = np.zeros_like(table)
+        found[:, 1::2], found[:, 2::2] = rates * table[:, 2::2], -rates * table[:, 1::2]
+        return found
+
+    def integral_table(self, times: Array, horizon: float) -> Array:
+        table, rates = self.table(times, horizon), self._rates(horizon)
+        found = np.empty_like(table)
+        found[:, 0] = times
+        found[:, 1::2], found[:, 2::2] = (1.0 - table[:, 2::2]) / rates, table[:, 1::2] / rates
+        return found
+
+    def _rates(self, horizon: float) -> Array:
+        return 2 * np.pi / horizon * np.arange(1, self.harmonics + 1)
 
     def gram(self, horizon: float) -> Array:
         return np.diag([horizon] + [0.5 * horizon] * (2 * self.harmonics))

@@ -43,6 +43,13 @@ class PiecewiseConstant(ControlBasis):
         table[np.arange(len(share)), place] = 1.0
         return table
 
+    def derivative_table(self, times: Array, horizon: float, side: Side = "right") -> Array:
+        return np.zeros((len(times), self.intervals))
+
+    def integral_table(self, times: Array, horizon: float) -> Array:
+        passed = np.subtract.outer(np.asarray(times) * self.intervals / horizon, np.arange(self.intervals))
+        return np.clip(passed, 0.0, 1.0) * horizon / self.intervals
+
     def gram(self, horizon: float) -> Array:
         return np.eye(self.intervals) * horizon / self.intervals
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import accumulate
 from typing import Any, ClassVar, Self
@@ -11,11 +11,15 @@ import numpy as np
 
 from nhpocp.arrays import Array, namespace
 from nhpocp.controls.basis import ControlBasis, Side
+from nhpocp.controls.bspline import BSpline
 from nhpocp.controls.control import Control
 from nhpocp.controls.fourier import Fourier
+from nhpocp.controls.legendre import Legendre
 from nhpocp.controls.piecewise_constant import PiecewiseConstant
 
-PIECES: dict[str, type[Any]] = {"fourier": Fourier, "piecewise_constant": PiecewiseConstant}
+PIECES: dict[str, type[Any]] = {
+    basis.kind: basis for basis in (Fourier, Legendre, BSpline, PiecewiseConstant)
+}
 
 
 @dataclass(frozen=True)
@@ -48,6 +52,17 @@ class SequenceBasis(ControlBasis):
         return xp.concatenate(parts)
 
     def table(self, times: Array, horizon: float, side: Side = "right") -> Array:
+        return self._by_piece(lambda basis, t, duration: basis.table(t, duration, side), times, horizon, side)
+
+    def derivative_table(self, times: Array, horizon: float, side: Side = "right") -> Array:
+        return self._by_piece(
+            lambda basis, t, duration: basis.derivative_table(t, duration, side), times, horizon, side
+        )
+
+    def _by_piece(
+        self, part: Callable[[ControlBasis, Array, float], Array], times: Array, horizon: float, side: Side
+    ) -> Array:
+        """A table whose rows the piece fills that is on at the time; the other pieces' functions are 0 there."""
         times, knots = np.asarray(times, dtype=float), self.knots(horizon)
         nearest = knots[np.abs(times[:, None] - knots).argmin(axis=1)]
         times = np.where(np.abs(times - nearest) < 1e-9 * horizon, nearest, times)
@@ -57,9 +72,16 @@ class SequenceBasis(ControlBasis):
         for i, basis in enumerate(self.bases):
             mine = place == i
             columns = slice(first, first + basis.size)
-            table[mine, columns] = basis.table(times[mine] - knots[i], knots[i + 1] - knots[i], side)
+            table[mine, columns] = part(basis, times[mine] - knots[i], knots[i + 1] - knots[i])
             first += basis.size
         return table
+
+    def integral_table(self, times: Array, horizon: float) -> Array:
+        times, knots = np.asarray(times, dtype=float), self.knots(horizon)
+        spans = zip(self.bases, knots[:-1], np.diff(knots), strict=True)
+        return np.hstack(
+            [b.integral_table(np.clip(times - first, 0.0, span), span) for b, first, span in spans]
+        )
 
     def gram(self, horizon: float) -> Array:
         gram, first = np.zeros((self.size, self.size)), 0

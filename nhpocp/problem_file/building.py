@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 AVAILABLE: dict[str, dict[str, str]] = {
     "control.basis": {
         "fourier": "nhpocp.controls.fourier:Fourier",
+        "legendre": "nhpocp.controls.legendre:Legendre",
+        "bspline": "nhpocp.controls.bspline:BSpline",
         "piecewise_constant": "nhpocp.controls.piecewise_constant:PiecewiseConstant",
         "sequence": "nhpocp.controls.sequence:SequenceBasis",
     },

@@ -1,0 +1,119 @@
+"""B-splines of any degree on equal intervals, clamped at both ends. [de Boor, A Practical Guide to Splines]"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, Self
+
+import numpy as np
+
+from nhpocp.arrays import Array, namespace
+from nhpocp.controls.basis import ControlBasis, Side
+from nhpocp.controls.piecewise_constant import PiecewiseConstant
+from nhpocp.errors import InvalidProblemError
+
+
+@dataclass(frozen=True)
+class BSpline(ControlBasis):
+    """The degree + intervals B-splines over equal intervals of [0, T]; they are ≥ 0 and add up to 1.
+
+    The pieces are polynomials of the degree, joined with degree - 1 continuous derivatives; the ends' functions are 1
+    there. Degree 0 is `PiecewiseConstant`, and is written so.
+    """
+
+    degree: int = 3
+    intervals: int = 8
+    kind: ClassVar[str] = "bspline"
+
+    @property
+    def size(self) -> int:
+        return self.degree + self.intervals
+
+    @property
+    def labels(self) -> list[str]:
+        return [f"B{k}" for k in range(self.size)]
+
+    @property
+    def _steps(self) -> PiecewiseConstant:
+        return PiecewiseConstant(self.intervals)
+
+    def knots(self, horizon: float) -> Array:
+        """Ends of the intervals, the first and the last degree + 1 times."""
+        inner = np.arange(1, self.intervals) / self.intervals
+        return horizon * np.concatenate([np.zeros(self.degree + 1), inner, np.ones(self.degree + 1)])
+
+    def _functions(self, share: Array, steps: Sequence[Array]) -> list[Array]:
+        """From those of degree 0, by the recurrence of Cox and de Boor, at shares of the horizon."""
+        knots = self.knots(1.0)
+        found: list[Array] = [0.0] * self.degree + list(steps) + [0.0] * self.degree
+        for degree in range(1, self.degree + 1):
+            widths = knots[degree:] - knots[:-degree]
+            rising = [(share - knot) / w if w > 0 else 0.0 for knot, w in zip(knots, widths, strict=False)]
+            falling = [
+                (knot - share) / w if w > 0 else 0.0 for knot, w in zip(knots[degree:], widths, strict=True)
+            ]
+            found = [rising[i] * found[i] + falling[i + 1] * found[i + 1] for i in range(len(found) - 1)]
+        return found
+
+    def values(self, time: Array, horizon: float) -> Array:
+        steps = self._steps.values(time, horizon)
+        return namespace(time).vector(
+            self._functions(time / horizon, [steps[k] for k in range(self.intervals)])
+        )
+
+    def table(self, times: Array, horizon: float, side: Side = "right") -> Array:
+        steps = self._steps.table(times, horizon, side)
+        return np.stack(self._functions(np.asarray(times, dtype=float) / horizon, list(steps.T)), axis=-1)
+
+    def derivative_table(self, times: Array, horizon: float, side: Side = "right") -> Array:
+        if self.degree == 0:
+            return self._steps.derivative_table(times, horizon, side)
+        knots = self.knots(horizon)[1:-1]
+        slopes = self.degree / (knots[self.degree :] - knots[: -self.degree])
+        parts = np.diff(np.vstack([np.zeros(self.size), np.eye(self.size)]), axis=0)  # B' of the differences
+        lower = BSpline(self.degree - 1, self.intervals).table(times, horizon, side)
+        return (lower * slopes) @ parts[1:]
+
+    def integral_table(self, times: Array, horizon: float) -> Array:
+        knots, width = self.knots(horizon), self.degree + 1
+        masses = (knots[width:] - knots[:-width]) / width
+        upper = BSpline(self.degree + 1, self.intervals).table(times, horizon)
+        # ∫ B_i is its mass times the sum of the later functions of one degree more
+        return np.cumsum(upper[:, :0:-1], axis=1)[:, ::-1] * masses
+
+    def gram(self, horizon: float) -> Array:
+        nodes, weights = np.polynomial.legendre.leggauss(self.degree + 1)  # exact for products
+        starts = np.arange(self.intervals)[:, None]
+        table = self.table(((starts + 0.5 * (nodes + 1.0)) / self.intervals).ravel(), 1.0)
+        shares = np.tile(0.5 * weights / self.intervals, self.intervals)
+        return horizon * table.T @ (shares[:, None] * table)
+
+    def breakpoints(self, horizon: float) -> Array:
+        return self._steps.breakpoints(horizon)
+
+    def parameters(self) -> dict[str, Any]:
+        return {"degree": self.degree, "intervals": self.intervals}
+
+    @classmethod
+    def from_json(cls, data: Mapping[str, Any]) -> tuple[Self, Array]:
+        coefficients = np.asarray(data["coefficients"], dtype=float)
+        found = cls(int(data["degree"]), coefficients.shape[1] - int(data["degree"]))
+        knots, expected = np.asarray(data["knots"], dtype=float), found.knots(data["horizon"])
+        if knots.shape != expected.shape or np.abs(knots - expected).max() > 1e-9 * data["horizon"]:
+            raise InvalidProblemError(
+                "knots that are not uniform and clamped; only equal intervals are supported",
+                path="control.knots",
+            )
+        return found, coefficients
+
+    def to_json(self, coefficients: Array, horizon: float) -> dict[str, Any]:
+        if self.degree == 0:
+            return self._steps.to_json(coefficients, horizon)
+        return {
+            "basis": self.kind,
+            "horizon": horizon,
+            "degree": self.degree,
+            "knots": self.knots(horizon).tolist(),
+            "coefficients": np.asarray(coefficients).tolist(),
+        }
