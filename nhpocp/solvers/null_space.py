@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
-from functools import cached_property
-from typing import Any
+from functools import cached_property, partial
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -20,6 +21,7 @@ RowSlopes = Callable[[Array], Array]  # y ↦ ∂g/∂y
 HALVINGS = 16  # of a step, before the model counts as wrong
 REACH = 3.0  # times the last step that was kept
 FIRST_REACH = 0.5  # times the size of y
+BESIDE = 0.1  # of a step and of what it promises: how far it may end beside the surface, and the cost of that
 FAR = 1.0  # of e, dimensionless: where the model of the surface is no guide back to it
 NOTHING = 1e-14  # of the merit: a promise not worth a step
 NOISE = 1e-13  # of the merit: what rounding may add to it
@@ -73,13 +75,14 @@ def minimise(
     hessian: Array | None = None,
     tolerance: float = 1e-8,
     goal: float = 1e-9,
-    most: int = 200,
+    most: int = 400,
 ) -> NullSpaceResult:
     r"""min f(y) [+ penalty] subject to e(y) = 0 from a point near e = 0, along the surface e = 0.
 
-    Each step lies in the null space of J and minimises a BFGS model of the Lagrangian's Hessian there; Newton steps
-    -J^# e bring it back to the surface, and the cost must fall (Armijo). A projected gradient that ends as SQP: near
-    the optimum the corrections are of second order. [Nocedal, Wright, ch. 15 and 18]
+    Each step minimises a BFGS model of the Lagrangian's Hessian in the null space of J, on top of Newton's step -J^# e
+    back to the surface; further Newton steps follow only where it ends too far beside the surface for what it promises,
+    and the cost must fall (Armijo), with e at the multipliers' price. A projected gradient that ends as SQP. [Nocedal,
+    Wright, ch. 15 and 18]
     The model keeps the penalty as it is, over the linearised rows: its kinks and its weight cost no progress.
     The model begins with ``curvature`` I, or with the ``hessian`` of an earlier search: where y are coordinates in
     which the effort is |y|², 2 I is exact for it. ``tolerance`` is on the projected gradient relative to |∇f|,
@@ -90,33 +93,45 @@ def minimise(
     point = search.restored(y, far=np.inf)
     if point is None:
         raise NoSurfaceError("the search must start near a usable control that reaches the goal")
+    search.kept = point
     first = curvature * np.eye(len(y))
     model, fresh = (first, True) if hessian is None else (hessian, False)
     history: list[dict[str, Any]] = []
     idle = 0
     for k in range(most):
         history.append({"k": k, "cost": point.f, "optimality": float(np.linalg.norm(point.residual))})
-        if history[-1]["optimality"] < tolerance * max(1.0, float(np.linalg.norm(point.gradient))):
-            return search.result(point, True, history, model)
-        step, promised = point.step(model)
-        if promised <= NOTHING * abs(point.merit):
-            return search.result(point, True, history, model)
+        step = point.step(model)
+        slope = max(1.0, float(np.linalg.norm(point.gradient)))
         try:
-            there = search.along(point, step, promised)
+            if history[-1]["optimality"] < tolerance * slope or step.promised <= NOTHING * abs(point.merit):
+                search.settle(point)
+                return search.result(True, history, model)
+            there = search.along(point, step)
         except LimitReached:  # what was found so far is kept
-            break
-        if there is None and fresh:
-            break
-        if there is None:  # the model was at fault: begin again from its exact part
+            return search.result(False, history, model)
+        if there is None and not fresh:  # the model was at fault: begin again from its exact part
             model, fresh = first, True
             continue
+        if there is None:
+            break
         change = there.lagrangian_slope(there) - point.lagrangian_slope(there)
         model, fresh = _bfgs(model, there.y - point.y, change, curvature), False
-        idle = idle + 1 if point.merit - there.merit < NOISE * abs(point.merit) else 0
+        idle = idle + 1 if search.gain(point, there) < NOISE * abs(point.merit) else 0
         point = there
         if idle == PATIENCE:  # held by the controls that may not be used
             break
-    return search.result(point, False, history, model)
+    with suppress(LimitReached):
+        search.settle(point)
+    return search.result(False, history, model)
+
+
+class _Step(NamedTuple):
+    """A step of the model, and what it promises of the merit."""
+
+    normal: Array  # -J^# e
+    along: Array  # in the null space of J
+    promised: float
+    hessian: Array  # of the model
 
 
 @dataclass(frozen=True)
@@ -168,16 +183,18 @@ class _Point:
         """∇f + Jᵀμ - ∂gᵀκ here with another point's multipliers."""
         return self.slope + self.J.T @ other.mu - other.kappa @ self.row_slopes
 
-    def step(self, hessian: Array) -> tuple[Array, float]:
-        """The minimiser of the model in the null space of J, and how far below this point's merit it lies."""
-        _, values, right = np.linalg.svd(self.J)
-        null = right[int(np.sum(values > 1e-10 * values[0])) :].T
-        curvature, slope = null.T @ hessian @ null, null.T @ self.slope
+    def step(self, hessian: Array) -> _Step:
+        """To the minimiser of the model on the linearised surface."""
+        left, values, right = np.linalg.svd(self.J)
+        rank = int(np.sum(values > 1e-10 * values[0]))
+        normal, null = -right[:rank].T @ ((left.T @ self.e)[:rank] / values[:rank]), right[rank:].T
+        curvature, slope = null.T @ hessian @ null, null.T @ (self.slope + hessian @ normal)
         if not self.penalty:
             z = -np.linalg.solve(curvature, slope)
-            return null @ z, -0.5 * float(slope @ z)
-        z, least = _least_of_pieces(curvature, slope, self.excess, self.row_slopes @ null, self.weight)
-        return null @ z, self.merit - self.f - least
+            return _Step(normal, null @ z, -0.5 * float(slope @ z), hessian)
+        excess = self.excess - self.row_slopes @ normal
+        z, promised = _least_of_pieces(curvature, slope, excess, self.row_slopes @ null, self.weight)
+        return _Step(normal, null @ z, promised, hessian)
 
 
 class _Search:
@@ -187,23 +204,43 @@ class _Search:
         self.constraint, self.cost, self.penalty, self.goal = constraint, cost, penalty, goal
         self.evaluations = 0
         self.reach: float | None = None  # the longest step that is tried, from what the last one told
+        self.kept: _Point | None = None  # the best on the surface
 
-    def restored(self, y: Array, tries: int = 6, far: float = FAR) -> _Point | None:
-        """The point of the surface that Newton's method finds from y; None if it is too far or does not come nearer."""
+    def settle(self, point: _Point) -> None:
+        """Keeps a point, brought all the way to the surface; what was kept before, if that fails or costs more."""
+        found = point if self._on_surface(point) else self.restored(point.y, seen=point)
+        if found and (self.kept is None or found.merit <= self.kept.merit):
+            self.kept = found
+
+    def restored(
+        self,
+        y: Array,
+        tries: int = 6,
+        far: float = FAR,
+        near: Callable[[Array], bool] | None = None,
+        seen: _Point | None = None,
+    ) -> _Point | None:
+        """The point of the surface that Newton's method finds from y; None if it is too far or does not come nearer.
+
+        ``near``: whether Newton's next step is one that need not be taken. ``seen``: what is known of y.
+        """
         last = np.inf
         for _ in range(tries):
-            self.evaluations += 1
-            evaluated = self.constraint(y)
+            if seen is None:
+                self.evaluations += 1
+                evaluated = self.constraint(y)
+            else:
+                evaluated, seen = (seen.e, seen.J), None
             if evaluated is None:
                 return None
             e, J = evaluated
-            size = float(np.linalg.norm(e))
-            if size < self.goal:
+            size, back = float(np.linalg.norm(e)), np.linalg.lstsq(J, e, rcond=None)[0]
+            if size < self.goal or (near and size < far and near(back)):
                 return self._point(y, e, J)
             if size > min(0.5 * last, far):
                 return None
             last = size
-            y = y - np.linalg.lstsq(J, e, rcond=None)[0]
+            y = y - back
         return None
 
     def _point(self, y: Array, e: Array, J: Array) -> _Point | None:
@@ -212,38 +249,56 @@ class _Search:
         excess = self.penalty.shift - self.penalty.values(y)
         return _Point(y, e, J, *self.cost(y), self.penalty, excess) if np.isfinite(excess).all() else None
 
-    def along(self, point: _Point, step: Array, promised: float) -> _Point | None:
+    def along(self, point: _Point, step: _Step) -> _Point | None:
         """The first of 1, ½, ¼, … of a step that, brought back to the surface, lowers the merit enough.
 
         On a strongly curved surface the model promises steps that lead nowhere; none is tried that is more than
         ``REACH`` times as long as the last that was kept.
         """
-        length = float(np.linalg.norm(step))
+        length = float(np.linalg.norm(step.along))
         reach = self.reach or FIRST_REACH * (1.0 + float(np.linalg.norm(point.y)))
         share = min(1.0, reach / length) if length > 0 else 1.0
         for _ in range(HALVINGS):
-            there = self.restored(point.y + share * step)
-            if there:
-                # what Newton's method left of e is paid for at the multipliers' price
-                gain = point.merit - there.merit + float(point.mu @ (point.e - there.e))
-                if gain >= 1e-4 * share * promised - NOISE * abs(point.merit):
-                    self.reach = REACH * share * length
-                    return there
+            least = 1e-4 * share * step.promised - NOISE * abs(point.merit)
+            y = point.y + step.normal + share * step.along
+            there = self.restored(y, near=partial(_near_enough, step, share))
+            if there and self.gain(point, there) < least and not self._on_surface(there):
+                there = self.restored(there.y, seen=there)  # the price may have been wrong
+            if there and self.gain(point, there) >= least:
+                self.reach = REACH * share * length
+                if self._on_surface(there):
+                    self.kept = there
+                return there
             share *= 0.5
         return None
 
-    def result(
-        self, point: _Point, converged: bool, history: list[dict[str, Any]], hessian: Array
-    ) -> NullSpaceResult:
+    def gain(self, point: _Point, there: _Point) -> float:
+        """How much less there costs, with what is left of e at the multipliers' price."""
+        return point.merit - there.merit + float(point.mu @ (point.e - there.e))
+
+    def _on_surface(self, point: _Point) -> bool:
+        return float(np.linalg.norm(point.e)) < self.goal
+
+    def result(self, converged: bool, history: list[dict[str, Any]], hessian: Array) -> NullSpaceResult:
+        """What was kept."""
+        point = self.kept
+        if point is None:
+            raise RuntimeError("a search that has not begun")
         rows = self.penalty.shift - point.excess if self.penalty else point.excess
         sizes = float(np.linalg.norm(point.residual)), float(np.linalg.norm(point.e))
         return NullSpaceResult(point.y, point.f, *sizes, converged, self.evaluations, history, hessian, rows)
 
 
+def _near_enough(step: _Step, share: float, back: Array) -> bool:
+    """Whether a step may end beside the surface, Newton's way back left to the next one."""
+    short = float(np.linalg.norm(back)) < BESIDE * share * float(np.linalg.norm(step.along))
+    return short and 0.5 * float(back @ step.hessian @ back) < BESIDE * share * step.promised
+
+
 def _least_of_pieces(
     hessian: Array, slope: Array, excess: Array, rows: Array, weight: float
 ) -> tuple[Array, float]:
-    """The minimiser z of ½ zᵀHz + slope·z + ½ weight Σ max(0, excess - rows z)², and that minimum.
+    """The minimiser z of ½ zᵀHz + slope·z + ½ weight Σ max(0, excess - rows z)², and how far it lies below z = 0.
 
     Convex and quadratic in pieces: Newton's method from piece to piece, with the exact minimum along each step, ends
     after finitely many. [J. Sun, On piecewise quadratic Newton and trust region problems, Math. Programming 76, 1997]
@@ -273,7 +328,7 @@ def _least_of_pieces(
                 low, high = (low, middle) if rising else (middle, high)
         z = z + high * newton
         least = value(z)
-    return z, least
+    return z, first - least
 
 
 def _bfgs(hessian: Array, step: Array, change: Array, scale: float) -> Array:
