@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 
 from nhpocp.arrays import Array
+from nhpocp.calls import call, mapped
 from nhpocp.constraints import Bound, bound_rows
 from nhpocp.controls.basis import ControlBasis
 from nhpocp.flow.shot import Shot, part
@@ -81,6 +82,21 @@ class Interval:
         """c of one of so many intervals between two reference poses."""
         length = (1.0 if self.free_horizon else self.problem.horizon.fixed) / intervals
         return np.concatenate([here, there, [length, length / self.steps]])
+
+    def points(self, z: Array, references: Array) -> Array:
+        """The states (k, size) with local coordinates (k, dimension) about references (k, size)."""
+        return self._at_nodes(self.shot.opened, z, references)[:, :-1]
+
+    def coordinates(self, states: Array, references: Array) -> Array:
+        """The local coordinates (k, dimension) of states (k, size); `points` undone."""
+        y = np.hstack([states, np.zeros((len(states), 1))])
+        return -self._at_nodes(self.shot.closed, y, references)[:, 1 : 1 + self.dimension]
+
+    def _at_nodes(self, part: ca.Function, y: Array, references: Array) -> Array:
+        """A part of the shot at many poses, where nothing but the pose matters."""
+        k, (_, s, _, phi) = len(y), (part.size1_in(i) for i in range(4))
+        constants = np.array([self.constants(reference, reference, 1) for reference in references])
+        return call(mapped(part, k), y, np.zeros((k, s)), constants, np.zeros((k, phi)))[0]
 
     def meeting(self, task: Task, stage: int, offset: float, reference: Array, intervals: int) -> Meeting:
         """A task's equations at a place inside interval ``stage``, reached by the interval's own steps.

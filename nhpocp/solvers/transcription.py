@@ -72,9 +72,9 @@ class Transcription:
 
     def _references(self, guess: Guess) -> Array:
         """x̄_k: the guess's own poses, but the start's and the goal's exactly."""
-        references = np.array([self.problem.system.state_space.nearest(state) for state in guess.states])
-        references[0] = self.problem.start_point
         space = self.problem.system.state_space
+        references = space.nearest(guess.states)
+        references[0] = self.problem.start_point
         for name in space.names:
             if name in self.problem.goal:
                 references[-1, space.point_slice(name)] = np.ravel(self.problem.goal[name])
@@ -332,26 +332,22 @@ class Transcription:
 
     def pack(self, guess: Guess) -> Array:
         """x of a guess whose control is sampled at the intervals' middles, or given over the basis."""
-        space, N, T = self.problem.system.state_space, self.intervals, guess.control.horizon
+        N, T = self.intervals, guess.control.horizon
         statics: list[float] = list(guess.control.coefficients.ravel()) if self.basis else []
         if self.interval.free_horizon:
             statics.append(T)
         middles = guess.control((np.arange(N) + 0.5) * T / N)
-        parts = []
+        parts, local = [], self.interval.coordinates(guess.states, self.references)
         for k in range(N + 1):
-            local = space.coordinates(guess.states[k], self.references[k]) / self.interval.scales
-            parts += [local, statics]
+            parts += [local[k], statics]
             if k < N and not self.basis:
                 parts.append(middles[k])
         return np.concatenate(parts)
 
     def unpack(self, x: Array) -> Guess:
         """The node states and the control of a vector x."""
-        space, d = self.problem.system.state_space, self.interval.dimension
-        stages, locals_ = self._stages(x)
-        states = np.array(
-            [space.chart(self.interval.scales * z, o) for z, o in zip(locals_, self.references, strict=True)]
-        )
+        d, (stages, locals_) = self.interval.dimension, self._stages(x)
+        states = self.interval.points(locals_, self.references)
         horizon = (
             float(stages[0, self.interval.nodes - 1])
             if self.interval.free_horizon
