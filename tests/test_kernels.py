@@ -301,7 +301,12 @@ def test_every_system_has_the_same_nlp_compiled(model, cache, quick):
 @needs_compiler
 def test_one_kernel_serves_every_grid_and_tightened_bounds(cache, quick):
     for intervals, steps, limit in ((9, 1, 9.0), (4, 3, 9.0), (17, 2, 8.0)):
-        problem = replace(LINEAR, bounds=[Bound("state.x", "x", -limit, limit)])
+        bounds = [
+            Bound("state.x", "x", -limit, limit),
+            Bound("control.u", "u", -limit, limit),  # at the start of an interval too
+            Bound("state.y", "y", 1.0, 1.0),  # at the end of an interval only
+        ]
+        problem = replace(LINEAR, bounds=bounds, horizon=Horizon(1.0, 0.5, 3.0))
         compiled, interpreted = (
             values(transcribed(problem, way, steps=steps, intervals=intervals))
             for way in (Compiled(), Interpreted())
