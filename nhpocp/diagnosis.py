@@ -6,7 +6,7 @@ from typing import Any
 
 import casadi as ca
 
-from nhpocp.flow.kernels import cached
+from nhpocp.flow.kernel_cache import cached
 from nhpocp.solution_folder import environment
 from nhpocp.solvers.optimizers import LINEAR_SOLVERS
 

@@ -201,11 +201,12 @@ def from_quaternion(quaternion: Array) -> Array:
 
 
 def nearest(matrix: Array) -> Array:
-    """The rotation nearest to a 3×3 matrix of numbers in the Frobenius norm (its polar factor)."""
+    """The rotations nearest to matrices of numbers (…, 3, 3) in the Frobenius norm (their polar factors)."""
     import numpy as np
 
     left, _, right = np.linalg.svd(np.asarray(matrix, dtype=float))
-    return left @ np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))]) @ right
+    left[..., 2] *= np.sign(np.linalg.det(left @ right))[..., None]
+    return left @ right
 
 
 def from_mapping(value: Mapping[str, Any]) -> Array:

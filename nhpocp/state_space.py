@@ -244,10 +244,16 @@ class StateSpace:
         return xp.concatenate(parts)
 
     def nearest(self, point: Array) -> Array:
-        """The packed numbers with their rotations made exact; a fixed-step integrator leaves SO(3) by its error."""
-        values = self.unpack(point)
-        rotations = [block.name for block in self.blocks if block.kind == "rotation"]
-        return self.pack({**values, **{name: so3.nearest(values[name]) for name in rotations}})
+        """The packed numbers (…, size) with their rotations made exact; a fixed-step integrator leaves SO(3)."""
+        import numpy as np
+
+        found = np.array(point, dtype=float)
+        for block in self.blocks:
+            if block.kind == "rotation":
+                entries = found[..., self._points[block.name]]
+                rotations = so3.nearest(entries.reshape((*found.shape[:-1], 3, 3)))
+                found[..., self._points[block.name]] = rotations.reshape(entries.shape)
+        return found
 
     def weights(self, error_length: float) -> list[float]:
         """One weight per tangent number: 1/error_length for lengths, 1 for the rest."""

@@ -72,26 +72,43 @@ def first_guess(walk: ca.Function, intervals: int) -> tuple[np.ndarray, np.ndarr
     return np.array(states), controls.T
 
 
+class Script:
+    """The script in two acts, so that the second can be timed alone."""
+
+    def __init__(self, intervals: int = 50) -> None:
+        self.intervals = intervals
+
+    def build(self) -> Script:
+        """The solver, its start and its bounds."""
+        intervals = self.intervals
+        walk = step(intervals)
+        w = ca.MX.sym("w", 9 * intervals + 6)
+        stages = ca.reshape(w[: 9 * intervals], 9, intervals)
+        after = ca.horzcat(stages[:6, 1:], w[9 * intervals :])
+        gaps = after - walk.map(intervals)(stages[:6, :], stages[6:, :])
+        nlp = {"x": w, "f": ca.sumsqr(stages[6:, :]) / intervals, "g": ca.vec(gaps)}
+        options = {
+            "print_time": False,
+            "ipopt": {"print_level": 0, "sb": "yes", "tol": 1e-8, "constr_viol_tol": 1e-9},
+        }
+        self.solver = ca.nlpsol("solver", "ipopt", nlp, options)
+        states, controls = first_guess(walk, intervals)
+        self.start = np.concatenate([np.hstack([states[:-1], controls]).ravel(), states[-1]])
+        self.lower, self.upper = np.full(w.numel(), -np.inf), np.full(w.numel(), np.inf)
+        self.lower[:6] = self.upper[:6] = pose(*START)
+        self.lower[-6:] = self.upper[-6:] = pose(*GOAL)
+        return self
+
+    def solve(self) -> float:
+        """The least ∫|v|²."""
+        found = self.solver(x0=self.start, lbx=self.lower, ubx=self.upper, lbg=0, ubg=0)
+        return float(found["f"])
+
+
 def solve(intervals: int = 50) -> tuple[float, ca.Function]:
     """The least ∫|v|², and the solver for its statistics."""
-    walk = step(intervals)
-    w = ca.MX.sym("w", 9 * intervals + 6)
-    stages = ca.reshape(w[: 9 * intervals], 9, intervals)
-    after = ca.horzcat(stages[:6, 1:], w[9 * intervals :])
-    gaps = after - walk.map(intervals)(stages[:6, :], stages[6:, :])
-    nlp = {"x": w, "f": ca.sumsqr(stages[6:, :]) / intervals, "g": ca.vec(gaps)}
-    options = {
-        "print_time": False,
-        "ipopt": {"print_level": 0, "sb": "yes", "tol": 1e-8, "constr_viol_tol": 1e-9},
-    }
-    solver = ca.nlpsol("solver", "ipopt", nlp, options)
-    states, controls = first_guess(walk, intervals)
-    start = np.concatenate([np.hstack([states[:-1], controls]).ravel(), states[-1]])
-    lower, upper = np.full(w.numel(), -np.inf), np.full(w.numel(), np.inf)
-    lower[:6] = upper[:6] = pose(*START)
-    lower[-6:] = upper[-6:] = pose(*GOAL)
-    found = solver(x0=start, lbx=lower, ubx=upper, lbg=0, ubg=0)
-    return float(found["f"]), solver
+    script = Script(intervals).build()
+    return script.solve(), script.solver
 
 
 if __name__ == "__main__":

@@ -7,6 +7,7 @@ import pytest
 from conftest import paper_problem
 
 from nhpocp.constraints import Bound
+from nhpocp.flow.kernels import Interpreted
 from nhpocp.solvers.certificate import optimality
 from nhpocp.solvers.guesses import ProblemGuess, make_guess
 from nhpocp.solvers.multiple_shooting import MultipleShooting
@@ -21,13 +22,14 @@ class Shifted:
 
     def __init__(self, programme, shift):
         self.size, self.functions, self.structure = programme.size, programme.functions, None
+        self.nlp = programme.nlp
         self.lower, self.upper = programme.lower + shift, programme.upper + shift
 
 
 def transcribed(bounds=()):
     problem = paper_problem(bounds=bounds)
     guess = make_guess(ProblemGuess(), problem, None, INTERVALS, 0)
-    programme = Transcription(problem, guess, None, INTERVALS, 1, bounds)
+    programme = Transcription(problem, guess, None, INTERVALS, 1, bounds, Interpreted())
     return programme, Ipopt(1e-9).solve(programme, programme.pack(guess))
 
 

@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,28 +15,38 @@ import pytest
 from conftest import Integrators, paper_problem
 
 from nhpocp import machine
+from nhpocp.constraints import Bound
 from nhpocp.controls.fourier import Fourier
 from nhpocp.controls.piecewise_constant import PiecewiseConstant
 from nhpocp.errors import MissingDependencyError
-from nhpocp.flow import kernel_build, kernels
+from nhpocp.flow import kernel_build, kernel_cache, kernel_source, kernels, shot_source
 from nhpocp.flow.end_point_map import DifferentiatedEndPointMap
 from nhpocp.flow.integrators import RungeKutta4
 from nhpocp.flow.kernel_source import _accessed
 from nhpocp.flow.kernels import Compiled, CompiledWhenReady, Interpreted
+from nhpocp.flow.runge_kutta import Scheme
+from nhpocp.problem import Horizon, PlanningProblem
 from nhpocp.problem_file import parse_problem
-from nhpocp.systems.numeric import NumericSystem
+from nhpocp.problem_file.registry import SYSTEMS
+from nhpocp.problem_file.starters import starter
+from nhpocp.solvers import interval
+from nhpocp.solvers.guesses import ProblemGuess, make_guess
+from nhpocp.solvers.multiple_shooting import MultipleShooting
+from nhpocp.solvers.transcription import Transcription
+from nhpocp.systems.numeric import NumericSystem, numeric_system
 from nhpocp.systems.three_upu import ThreeUPU
 
 needs_compiler = pytest.mark.skipif(machine.c_compiler() is None, reason="no C compiler")
+QUICKLY = (("-O0", "-fPIC", "-shared"),)  # to compile; what matters here is what is done with the result
 BASES = [Fourier(2), Fourier(7), PiecewiseConstant(9)]
 WORKER = """
 import os, sys
 cache = os.environ["NHPOCP_CACHE"]
 sys.path.insert(0, sys.argv[1])
-from test_kernels import end_point
+import test_kernels
 os.environ["NHPOCP_CACHE"] = cache
 from nhpocp.flow.kernels import Compiled
-print(repr(end_point(Compiled()).jacobian.sum()))
+print(repr(getattr(test_kernels, sys.argv[2])(Compiled()).sum()))
 """
 
 
@@ -50,8 +61,10 @@ def cache(tmp_path, monkeypatch):
 
 
 def forget() -> None:
-    kernels._place.cache_clear()
-    kernels._said.clear()
+    kernels._of_sweeps.cache_clear()
+    kernels._of_shots.cache_clear()
+    interval._made.cache_clear()
+    kernel_cache._said.clear()
 
 
 def coefficients(basis) -> np.ndarray:
@@ -66,6 +79,44 @@ def end_point(way, system=None, basis=BASES[0], shares=()):
     return found(coefficients(basis))
 
 
+def sweep(way) -> np.ndarray:
+    """The numbers of a sweep."""
+    return end_point(way).jacobian
+
+
+def values(programme, seed=0) -> list[np.ndarray]:
+    """All functions of an NLP at a random point near its guess."""
+    chance, guess = np.random.default_rng(seed), programme.pack(programme.guess)
+    x, multipliers = guess + 0.01 * chance.normal(size=len(guess)), chance.normal(size=len(programme.rows))
+    functions = programme.functions
+    found = [functions[name](x, []) for name in ("nlp", "grad_f", "jac_g")]
+    return [
+        np.array(value).ravel()
+        for value in [
+            *(value for pair in found for value in pair),
+            functions["hess_lag"](x, [], 0.7, multipliers),
+        ]
+    ]
+
+
+def transcribed(problem, way, basis=None, steps=1, intervals=9) -> Transcription:
+    guess = make_guess(ProblemGuess(), problem, basis, intervals, 0)
+    return Transcription(problem, guess, basis, intervals, steps, problem.bounds, way)
+
+
+LINEAR = PlanningProblem(
+    system=Integrators(), start={"x": 0.0, "y": 0.0}, goal={"x": 1.0, "y": 2.0}, initial=np.ones((2, 5))
+)
+
+
+def shots(way) -> np.ndarray:
+    """The numbers of an NLP."""
+    return np.concatenate(values(transcribed(LINEAR, way)))
+
+
+KINDS = pytest.mark.parametrize("numbers", [sweep, shots])
+
+
 def stored(folder: Path) -> list[Path]:
     return sorted(folder.glob("*.so"))
 
@@ -73,7 +124,9 @@ def stored(folder: Path) -> list[Path]:
 @needs_compiler
 @pytest.mark.parametrize("form", ["feedback", "original"])
 @pytest.mark.parametrize("preset", ["default", "normal75", "vertical_equal"])
-def test_a_kernel_says_what_casadi_says(preset, form, cache):
+def test_a_kernel_says_what_casadi_says(preset, form, cache, monkeypatch):
+    if preset != "default":
+        monkeypatch.setattr(kernel_build, "FLAGS", QUICKLY)
     system = ThreeUPU.preset(preset, form=form)
     for basis in BASES:
         ours = end_point(Compiled(), system, basis, (0.37, 0.5))
@@ -112,77 +165,109 @@ def test_a_path_that_runs_away_is_not_finite_either_way():
         assert not np.isfinite(found.jacobian).all() or np.abs(found.jacobian).max() > 1e6
 
 
+@pytest.fixture
+def quick(monkeypatch):
+    monkeypatch.setattr(kernel_build, "FLAGS", QUICKLY)
+
+
 @needs_compiler
-def test_a_damaged_kernel_is_built_anew(cache, caplog):
-    expected = end_point(Compiled()).jacobian
+@KINDS
+def test_a_damaged_kernel_is_built_anew(numbers, cache, caplog, quick):
+    expected = numbers(Compiled())
     (file,) = stored(cache)
     half = file.read_bytes()[:1000]
     file.unlink()  # the loaded one stays as it is
     file.write_bytes(half)
     forget()
-    np.testing.assert_array_equal(end_point(Compiled()).jacobian, expected)
+    np.testing.assert_array_equal(numbers(Compiled()), expected)
     assert "damaged" in caplog.text
     assert [path.stat().st_size for path in stored(cache)] != [1000]
 
 
 @needs_compiler
-def test_a_file_that_is_no_library_is_ignored(cache, caplog):
-    expected = end_point(Compiled()).jacobian
+@KINDS
+def test_a_file_that_is_no_library_is_ignored(numbers, cache, caplog, quick):
+    expected = numbers(Compiled())
     (file,) = stored(cache)
     file.unlink()
     key = file.stem.partition("-")[0]
     (cache / f"{key}-{kernel_build.digest(b'no library')}.so").write_bytes(b"no library")
     forget()
-    np.testing.assert_allclose(end_point(Compiled()).jacobian, expected, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(numbers(Compiled()), expected, rtol=1e-9, atol=1e-9)
     assert len(caplog.records) == 1
     assert "cannot be loaded" in caplog.text
 
 
 @needs_compiler
-def test_a_kernel_that_disagrees_is_not_used(cache, caplog, monkeypatch):
-    expected = end_point(Interpreted()).jacobian
-    right = kernels.c_source
-    monkeypatch.setattr(
-        kernels, "c_source", lambda s: right(s).replace("now = before", "now = before, *now += 1e-3")
-    )
-    np.testing.assert_array_equal(end_point(Compiled()).jacobian, expected)
+@pytest.mark.parametrize(
+    ("numbers", "module", "right", "wrong"),
+    [
+        (sweep, kernel_source, "now = before", "now = before, *now += 1e-3"),
+        (shots, shot_source, "to[l][place] = values[i * L + l]", "to[l][place] = 1.0"),
+        (shots, shot_source, "*q[l] = closed[l]", "*q[l] = closed[l] + 1e-3"),
+        (shots, shot_source, "dw[d * L + l] = 1.0", "dw[d * L + l] = 1.001"),
+        (shots, shot_source, "sigma[k] : 1.0", "sigma[k] : 2.0"),
+        (shots, shot_source, "* W + j] = g[j * L + l];", "* W + j] = g[j * L + l] + (j == 1);"),
+    ],
+)
+def test_a_kernel_that_disagrees_is_not_used(
+    numbers, module, right, wrong, cache, caplog, monkeypatch, quick
+):
+    bounded = replace(LINEAR, bounds=[Bound("state.x", "x", -9.0, 9.0)])
+    monkeypatch.setitem(globals(), "LINEAR", bounded)
+    expected, made = numbers(Interpreted()), module.c_source
+    assert right in made_of(made, numbers)
+    monkeypatch.setattr(module, "c_source", lambda parts: made(parts).replace(right, wrong))
+    np.testing.assert_array_equal(numbers(Compiled()), expected)
     assert "disagrees" in caplog.text
     assert stored(cache) == []
 
 
-def test_without_a_compiler_the_answer_is_the_same(cache, caplog, monkeypatch):
+def made_of(c_source, numbers) -> str:
+    """The C text of either kind."""
+    if numbers is shots:
+        return c_source(transcribed(LINEAR, Interpreted()).interval.shot)
+    numeric = numeric_system(paper_problem().system)
+    return c_source(Scheme(numeric.rate_function, numeric.linearised_function, None))
+
+
+@KINDS
+def test_without_a_compiler_the_answer_is_the_same(numbers, cache, caplog, monkeypatch):
     monkeypatch.setenv("CC", "/no/such/compiler")
-    expected = end_point(Interpreted()).jacobian
+    expected = numbers(Interpreted())
     for _ in range(2):
-        np.testing.assert_array_equal(end_point(Compiled()).jacobian, expected)
+        np.testing.assert_array_equal(numbers(Compiled()), expected)
     assert [record.message for record in caplog.records] == [
         "nhpocp: no C compiler was found: CasADi's own evaluation is used, slower"
     ]
     assert stored(cache) == []
 
 
+@KINDS
 @pytest.mark.parametrize("body", ["exit 1", "echo out of space >&2; exit 1", "exit 0"])
-def test_a_compiler_that_fails_is_named(body, tmp_path, caplog, monkeypatch):
+def test_a_compiler_that_fails_is_named(body, numbers, tmp_path, caplog, monkeypatch):
     broken = tmp_path / "cc"
     broken.write_text(f'#!/bin/sh\n[ "$1" = --version ] && echo broken 1.0 && exit 0\n{body}\n')
     broken.chmod(0o755)
     monkeypatch.setenv("CC", str(broken))
-    np.testing.assert_array_equal(end_point(Compiled()).jacobian, end_point(Interpreted()).jacobian)
+    np.testing.assert_array_equal(numbers(Compiled()), numbers(Interpreted()))
     assert "the C compiler failed" in caplog.text
     assert list((tmp_path / "cache").iterdir()) == []
 
 
 @needs_compiler
-def test_a_folder_that_takes_nothing(tmp_path, caplog, monkeypatch):
+@KINDS
+def test_a_folder_that_takes_nothing(numbers, tmp_path, caplog, monkeypatch):
     (tmp_path / "file").write_text("in the way")
     monkeypatch.setenv("NHPOCP_CACHE", str(tmp_path / "file" / "cache"))
-    np.testing.assert_array_equal(end_point(Compiled()).jacobian, end_point(Interpreted()).jacobian)
+    np.testing.assert_array_equal(numbers(Compiled()), numbers(Interpreted()))
     assert "takes no kernels" in caplog.text
 
 
 @needs_compiler
-def test_two_processes_at_once(cache):
-    command = [sys.executable, "-c", WORKER, str(Path(__file__).parent)]
+@KINDS
+def test_two_processes_at_once(numbers, cache):
+    command = [sys.executable, "-c", WORKER, str(Path(__file__).parent), numbers.__name__]
 
     def work(_):
         return subprocess.run(command, capture_output=True, text=True, check=True, timeout=120)
@@ -195,6 +280,79 @@ def test_two_processes_at_once(cache):
     assert len(list(cache.iterdir())) == 1
 
 
+# --- the intervals of an NLP ------------------------------------------------------------------------------------
+
+
+@needs_compiler
+@pytest.mark.parametrize("model", SYSTEMS)
+def test_every_system_has_the_same_nlp_compiled(model, cache, quick):
+    problem = replace(parse_problem(starter(model)), bounds=[])
+    free = replace(problem, horizon=Horizon(1.0, 0.5, 3.0), objective="path_length")
+    for given, settings in ((problem, {}), (free, {"basis": problem.basis, "steps": 2})):
+        compiled, interpreted = (
+            values(transcribed(given, way, **settings)) for way in (Compiled(), Interpreted())
+        )
+        for found, expected in zip(compiled, interpreted, strict=True):
+            scale = max(1.0, np.abs(expected).max())
+            np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * scale)
+    assert len(stored(cache)) == 2
+
+
+@needs_compiler
+def test_one_kernel_serves_every_grid_and_tightened_bounds(cache, quick):
+    for intervals, steps, limit in ((9, 1, 9.0), (4, 3, 9.0), (17, 2, 8.0)):
+        bounds = [
+            Bound("state.x", "x", -limit, limit),
+            Bound("control.u", "u", -limit, limit),  # at the start of an interval too
+            Bound("state.y", "y", 1.0, 1.0),  # at the end of an interval only
+        ]
+        problem = replace(LINEAR, bounds=bounds, horizon=Horizon(1.0, 0.5, 3.0))
+        compiled, interpreted = (
+            values(transcribed(problem, way, steps=steps, intervals=intervals))
+            for way in (Compiled(), Interpreted())
+        )
+        for found, expected in zip(compiled, interpreted, strict=True):
+            np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12)
+    assert len(stored(cache)) == 1
+
+
+@needs_compiler
+def test_both_ways_lead_to_the_same_optimum(cache, problem):
+    found = [
+        MultipleShooting(intervals=50, steps_per_interval=1, kernels=way).solve(problem)
+        for way in (Compiled(), Interpreted())
+    ]
+    efforts = [solution.details["objective_value"] for solution in found]
+    assert efforts[0] == pytest.approx(efforts[1], abs=1e-9)
+    assert round(efforts[0], 5) == 2.05082
+    assert len(found[0].iterations) == len(found[1].iterations)
+    assert found[0].details["optimality"]["stationarity"] < 1e-6
+    assert len(stored(cache)) == 1
+
+
+@needs_compiler
+def test_auto_takes_a_stored_kernel_at_once_and_builds_only_what_comes_again(cache, monkeypatch, quick):
+    monkeypatch.delenv("NHPOCP_COMPILE")
+    begun = []
+    monkeypatch.setattr(kernel_cache.Place, "_begin", lambda place: begun.append(place))
+    eager = CompiledWhenReady(patience=1e-9)
+    solver = MultipleShooting(intervals=4, steps_per_interval=1, kernels=eager)
+    solver.solve(LINEAR)
+    assert not begun
+    solver.solve(LINEAR)
+    solver.solve(LINEAR)
+    assert len(begun) == 1
+    forget()
+    transcribed(LINEAR, Compiled()).functions["nlp"]
+    forget()
+    assert type(transcribed(LINEAR, eager).shots) is type(transcribed(LINEAR, Compiled()).shots)
+    assert type(transcribed(LINEAR, CompiledWhenReady()).shots) is type(transcribed(LINEAR, eager).shots)
+    forget()
+    assert type(transcribed(LINEAR, CompiledWhenReady()).shots) is type(
+        transcribed(LINEAR, Interpreted()).shots
+    )
+
+
 @needs_compiler
 def test_auto_builds_in_the_background_and_then_uses_it(cache, monkeypatch):
     monkeypatch.delenv("NHPOCP_COMPILE")
@@ -204,7 +362,7 @@ def test_auto_builds_in_the_background_and_then_uses_it(cache, monkeypatch):
     begun = []
     start = subprocess.Popen
     monkeypatch.setattr(
-        kernels.subprocess,
+        kernel_cache.subprocess,
         "Popen",
         lambda *a, **k: begun.append(start(*a, **{**k, "start_new_session": False})),
     )
@@ -215,7 +373,7 @@ def test_auto_builds_in_the_background_and_then_uses_it(cache, monkeypatch):
     (file,) = stored(cache)
     second = end_point(eager, system)
     np.testing.assert_allclose(second.jacobian, first.jacobian, atol=1e-12)
-    assert kernels._place.cache_info().currsize == 1
+    assert kernels._of_sweeps.cache_info().currsize == 1
     assert len(begun) == 1
     assert file.exists()
 
@@ -244,7 +402,7 @@ def test_always_and_never_give_the_same_solution(cache):
     for word, way in (("never", Interpreted()), ("auto", CompiledWhenReady()), ("always", Compiled())):
         problem = parse_problem(YAML.format(word=word))
         solver = problem.solvers["jacobian"]
-        assert solver.integrator.kernels == way
+        assert solver.integrator.kernels == problem.solvers["nlp"].kernels == way
         found[word] = solver.find(problem)
     np.testing.assert_allclose(
         found["always"].control.coefficients, found["never"].control.coefficients, atol=1e-9

@@ -7,6 +7,7 @@ from conftest import paper_problem
 from nhpocp.constraints import Bound
 from nhpocp.controls.fourier import Fourier
 from nhpocp.errors import InvalidProblemError
+from nhpocp.flow.kernels import Interpreted
 from nhpocp.problem import Horizon
 from nhpocp.solution import Outcome
 from nhpocp.solvers.guesses import ProblemGuess, make_guess
@@ -28,7 +29,8 @@ def test_the_rolled_out_path_satisfies_every_continuity_row():
         problem = paper_problem(objective="leg_effort", horizon=Horizon(1.0, 0.5, 2.0))
         guess = make_guess(ProblemGuess(), problem, basis, 4, 0)
         single, multiple = (
-            kind(problem, guess, basis, 4, 2, bounds) for kind in (SingleShooting, Transcription)
+            kind(problem, guess, basis, 4, 2, bounds, Interpreted())
+            for kind in (SingleShooting, Transcription)
         )
         x = single.pack(guess)
         cost, rows = (np.array(part).ravel() for part in single.functions["nlp"](x, []))

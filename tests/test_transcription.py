@@ -11,6 +11,7 @@ from nhpocp.constraints import Bound, bound_rows
 from nhpocp.controls.control import Control
 from nhpocp.controls.fourier import Fourier
 from nhpocp.controls.piecewise_constant import PiecewiseConstant
+from nhpocp.flow.kernels import Interpreted
 from nhpocp.problem import Horizon, Via
 from nhpocp.solvers.guesses import ProblemGuess, follow, make_guess
 from nhpocp.solvers.single_shooting import SingleShooting
@@ -18,6 +19,7 @@ from nhpocp.solvers.transcription import Guess, Transcription
 from nhpocp.systems.numeric import NumericSystem
 
 INTERVALS = 3
+INTERPRETED = Interpreted()
 POSITION = {"position": [0, 0, 30]}
 POSE = {**POSITION, "orientation": yaw(-1.0)}
 OUTPUTS = {"leg_lengths": [38, 39, 40], "platform_normal": [0.1, -0.1, 1]}
@@ -50,7 +52,7 @@ FAMILY = [
 ]
 
 
-def transcribed(case, kind=Transcription):
+def transcribed(case, kind=Transcription, way=INTERPRETED):
     """A programme of the family, and a vector near its guess."""
     case = dict(case)
     basis, steps = case.pop("basis", None), case.pop("steps", 1)
@@ -59,7 +61,7 @@ def transcribed(case, kind=Transcription):
         case["initial"] = [[8.0, 3, 0, 1, 0], [10.0, 0, 2, 0, 0], [9.0, 1, 0, 0, 2]]  # leg speeds
     problem = paper_problem(**case)
     guess = make_guess(ProblemGuess(), problem, basis, INTERVALS, 0)
-    programme = kind(problem, guess, basis, INTERVALS, steps, bounds)
+    programme = kind(problem, guess, basis, INTERVALS, steps, bounds, way)
     start = programme.pack(guess)
     return programme, guess, start + 0.01 * np.random.default_rng(0).normal(size=len(start))
 
@@ -109,7 +111,7 @@ def test_a_followed_path_leaves_no_gap(basis):
     problem = paper_problem()
     guess = make_guess(ProblemGuess(), problem, basis, 20, 0)
     guess = Guess(follow(problem, guess.control, 20, 2), guess.control)
-    programme = Transcription(problem, guess, basis, 20, 2, [])
+    programme = Transcription(problem, guess, basis, 20, 2, [], INTERPRETED)
     _, constraints = programme.functions["nlp"](programme.pack(guess), [])
     gaps = np.array(constraints).ravel()[: -len(programme.terminal)]
     assert np.abs(gaps).max() < 1e-7  # the packed rotation leaves SO(3) by as much
@@ -139,7 +141,7 @@ def test_rows_that_the_goal_fixes_are_free():
     problem = paper_problem(goal={"position": [0, 0, 35], "orientation": np.eye(3)})
     guess = make_guess(ProblemGuess(), problem, None, INTERVALS, 0)
     for kind in (Transcription, SingleShooting):
-        programme = kind(problem, guess, None, INTERVALS, 2, [equal])
+        programme = kind(problem, guess, None, INTERVALS, 2, [equal], INTERPRETED)
         equal_rows = [row for row in programme.rows if row.name == "state.position[0]"]
         assert [row.time for row in equal_rows] == pytest.approx([1 / 3, 2 / 3, 1])  # not within an interval
         assert [(row.lower, row.upper) for row in equal_rows] == [(0, 0), (0, 0), (-np.inf, np.inf)]

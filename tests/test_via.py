@@ -12,6 +12,7 @@ from nhpocp.controls.piecewise_constant import PiecewiseConstant
 from nhpocp.errors import InvalidProblemError
 from nhpocp.flow.end_point_map import VariationalEndPointMap
 from nhpocp.flow.integrators import CasadiRungeKutta, Cvodes, RungeKutta4
+from nhpocp.flow.kernels import Interpreted
 from nhpocp.planning import solve
 from nhpocp.problem import Horizon, Via
 from nhpocp.problem_file import dump_problem, parse_problem, read_text
@@ -166,7 +167,7 @@ def test_the_meeting_is_the_path_that_everybody_else_follows():
         for at in (0.37, 0.5, 0.01):
             problem = with_via(at=at)
             guess = make_guess(ProblemGuess(), problem, basis, 10, 0)
-            programme = SingleShooting(problem, guess, basis, 10, 2, [])
+            programme = SingleShooting(problem, guess, basis, 10, 2, [], Interpreted())
             values = np.array(programme.functions["nlp"](programme.pack(guess), [])[1]).ravel()
             rows = [i for i, row in enumerate(programme.rows) if row.name.startswith("via")]
             point = meets(problem, guess.control, 10, 2)[0]

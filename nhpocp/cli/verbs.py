@@ -280,7 +280,7 @@ def init(file: Path, model: str, as_json: bool) -> int:
 def doctor(clear_cache: bool, as_json: bool) -> int:
     """Say which versions, plugins, compiler and compiled kernels are at hand."""
     if clear_cache:
-        from nhpocp.flow.kernels import clear_cache as clear
+        from nhpocp.flow.kernel_cache import clear_cache as clear
 
         say(f"{clear()} kernels removed from the cache")
     from nhpocp.diagnosis import diagnose

@@ -8,6 +8,7 @@ the rows where they are pulled back. The steps themselves can only follow one an
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 
 import casadi as ca
 
@@ -147,13 +148,8 @@ def c_source(scheme: Scheme) -> str:
 
     Errors: `NotImplementedError` where CasADi's code is more than straight lines.
     """
-    generator = ca.CodeGenerator("nhpocp_kernel")
-    for function in (scheme.step, scheme.slopes, scheme.pulled_row, scheme.observed):
-        generator.add(function)
-    text = generator.dump()
-    # CasADi's helpers are exported, and so never inlined
-    head = _HELPER.sub("static inline casadi_real casadi_", text[: text.index("\n/* step:(")])
-    bodies = [_accessed(body) for body in _FUNCTION.findall(text)]
+    functions = scheme.step, scheme.slopes, scheme.pulled_row, scheme.observed
+    head, bodies = straight_lines(functions)
     names = ("step", "slopes", "pulled", "observed")
     loops = _LOOPS.format(
         size=scheme.size,
@@ -165,6 +161,25 @@ def c_source(scheme: Scheme) -> str:
         **dict(zip(names, bodies, strict=True)),
     )
     return head + "\n" + loops
+
+
+def straight_lines(functions: Sequence[ca.Function]) -> tuple[str, list[str]]:
+    """CasADi's helpers and each function's code, its arguments and results behind the macros X0, X1, … and Y0, Y1, ….
+
+    Errors: `NotImplementedError` where that is more than straight lines.
+    """
+    generator = ca.CodeGenerator("nhpocp_kernel")
+    for function in functions:
+        generator.add(function)
+    text = generator.dump()
+    found = _FUNCTION.findall(text)
+    if len(found) != len(functions):
+        raise NotImplementedError("CasADi's code for these functions is not straight lines")
+    # CasADi's helpers are exported, and so never inlined
+    head = _HELPER.sub(
+        "static inline casadi_real casadi_", text[: text.index(f"\n/* {functions[0].name()}:(")]
+    )
+    return head, [_accessed(body) for body in found]
 
 
 def _row_lanes(rows: int) -> int:

@@ -173,7 +173,7 @@ def _build_solvers(data: ProblemData) -> dict[str, Any]:
         )
     kernels = _available("solvers.compile", data.solvers.compile)()
     jacobian = build_solver("jacobian", data.solvers.jacobian, kernels=kernels)
-    return {"jacobian": jacobian, "nlp": build_solver("nlp", data.solvers.nlp, jacobian)}
+    return {"jacobian": jacobian, "nlp": build_solver("nlp", data.solvers.nlp, jacobian, kernels)}
 
 
 def build_solver(
@@ -185,13 +185,13 @@ def build_solver(
     """A solver object from its settings: a block of the file, validated or plain data; None: the defaults.
 
     ``jacobian``: the solver whose solution `initial: jacobian` of the NLP starts from. ``kernels``: how the Jacobian
-    method's own integrator evaluates its sweeps; None: by its default.
+    method's own integrator evaluates its sweeps, and the NLP its intervals; None: by their default.
     """
     if name not in _BUILDERS:
         raise InvalidProblemError(_not_available("solver", name, list(_BUILDERS)), path="solvers")
     model, builder = _BUILDERS[name]
     settings = data if isinstance(data, model) else _validated(name, model, data or {})
-    return builder(settings, kernels if name == "jacobian" else jacobian)
+    return builder(settings, jacobian, kernels)
 
 
 def _validated(name: str, model: type[Any], data: Any) -> Any:
@@ -207,7 +207,7 @@ def _validated(name: str, model: type[Any], data: Any) -> Any:
         raise InvalidProblemError(issue.message, path=dotted(issue.path)) from None
 
 
-def _build_jacobian(data: JacobianSettings, kernels: Any) -> Any:
+def _build_jacobian(data: JacobianSettings, _: Any, kernels: Any) -> Any:
     from nhpocp.solvers.continuation import Continuation
 
     integrator = _available("solvers.jacobian.integrator", data.integrator)
@@ -235,7 +235,7 @@ def _build_jacobian(data: JacobianSettings, kernels: Any) -> Any:
     return solver
 
 
-def _build_nlp(data: NlpSettings, jacobian: Any) -> Any:
+def _build_nlp(data: NlpSettings, jacobian: Any, kernels: Any) -> Any:
     from nhpocp.solvers.guesses import SolverGuess
     from nhpocp.solvers.multiple_shooting import MultipleShooting
 
@@ -255,10 +255,11 @@ def _build_nlp(data: NlpSettings, jacobian: Any) -> Any:
         starts=data.starts,
         seed=data.seed,
         mesh_check=data.mesh_check,
+        **({} if kernels is None else {"kernels": kernels}),
     )
 
 
-_BUILDERS: dict[str, tuple[type[Any], Callable[[Any, Any], Any]]] = {
+_BUILDERS: dict[str, tuple[type[Any], Callable[[Any, Any, Any], Any]]] = {
     "jacobian": (JacobianSettings, _build_jacobian),
     "nlp": (NlpSettings, _build_nlp),
 }

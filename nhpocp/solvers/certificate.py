@@ -14,11 +14,11 @@ def optimality(programme: Any, x: Array, multipliers: Array) -> dict[str, float]
     """Residuals of the Karush–Kuhn–Tucker conditions, each the largest absolute entry.
 
     stationarity: ∇f + ∇gᵀλ, by CasADi's reverse mode on the programme's value function (none of the matrices that the
-    optimizer was given); feasibility: what g exceeds its bounds by; complementarity: λ times the slack of g.
+    optimizer was given, and no kernel); feasibility: what g exceeds its bounds by; complementarity: λ times the slack
+    of g.
     """
-    nlp = programme.functions["nlp"]
     vector, weights = ca.MX.sym("x", programme.size), ca.MX.sym("lam", len(multipliers))
-    f, g = nlp(vector, ca.MX(0, 1))
+    f, g = programme.nlp(vector, ca.MX(0, 1))
     lagrangian = ca.gradient(f + ca.dot(weights, g), vector)
     values = ca.Function("kkt", [vector, weights], [lagrangian, g])(x, multipliers)
     gradient, constraints = (np.array(value).ravel() for value in values)

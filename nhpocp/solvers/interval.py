@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from nhpocp.arrays import Array
+from nhpocp.calls import call, mapped
 from nhpocp.constraints import Bound, bound_rows
 from nhpocp.controls.basis import ControlBasis
+from nhpocp.flow.shot import Shot, part
 from nhpocp.objectives import INTEGRANDS
 from nhpocp.problem import PlanningProblem
 from nhpocp.solvers.meeting import Meeting, basis_table, stage_times
@@ -19,68 +23,100 @@ from nhpocp.task import Task
 
 
 class Interval:
-    """One shooting interval, symbolically: the same for every k, which enters through parameters."""
+    """One shooting interval, symbolically: the same for every k and every N, which enter through parameters.
+
+    ``shot``: its functions of w_k = (z_k, c, u_k). The constants of its parameters are the reference poses at its ends
+    and the lengths of an interval and of a step, shares of the horizon where that is free, else times.
+    """
 
     def __init__(
-        self,
-        problem: PlanningProblem,
-        basis: ControlBasis | None,
-        steps: int,
-        intervals: int,
-        bounds: Sequence[Bound],
+        self, problem: PlanningProblem, basis: ControlBasis | None, steps: int, bounds: Sequence[Bound]
     ) -> None:
         system, space = problem.system, problem.system.state_space
-        self.problem, self.basis, self.steps, self.intervals = problem, basis, steps, intervals
-        self.bounds = bounds
+        self.problem, self.basis, self.steps, self.bounds = problem, basis, steps, bounds
         self.free_horizon = problem.horizon.free
         d, m = space.dimension, system.input_space.size
-        statics = (m * basis.size if basis else 0) + int(self.free_horizon)
-        self.dimension, self.nodes, self.controls = d, d + statics, 0 if basis else m
+        self.statics = (m * basis.size if basis else 0) + int(self.free_horizon)
+        self.dimension, self.nodes, self.controls = d, d + self.statics, 0 if basis else m
         self.scales = np.array([problem.scale if unit == "length" else 1.0 for unit in space.tangent_units])
-        w = ca.SX.sym("w", self.nodes + self.controls)
+        self.rows: list[tuple[str, float, float, float]] = []  # name, bounds, share of the interval
+        self.shot = self._shot()
+
+    def _shot(self) -> Shot:
+        problem, space = self.problem, self.problem.system.state_space
+        z, y = (
+            ca.SX.sym("z", self.dimension),
+            ca.SX.sym("y", space.size + 1),
+        )  # the state, then the cost so far
+        s = ca.SX.sym("s", self.statics + self.controls)
         here, there = ca.SX.sym("here", space.size), ca.SX.sym("there", space.size)
-        tables = ca.SX.sym("phi", basis.size if basis else 0, 2 * steps + 1)
-        horizon = self._horizon(w)
-        controls, self._rate = self._stage_controls(w, tables), numeric_system(system).rate_function
-        state = space.chart(self.scales * w[:d], here)
-        points, cost = [(0.0, state, controls[0])], 0.0
-        h = horizon / (intervals * steps)
-        for j in range(steps):
-            state, share = self._step(state, h, controls[2 * j : 2 * j + 3])
-            cost += share
-            points.append(((j + 1) / steps, state, controls[2 * j + 2]))
-        self.rows, expressions = self._path_rows(bounds, points, w[d:])
+        interval, step = ca.SX.sym("interval"), ca.SX.sym("step")
+        phi = ca.SX.sym("phi", self.basis.size if self.basis else 0)
+        constants = ca.vertcat(here, there, interval, step)
+        state, control = y[:-1], self._control(s, phi)
+        horizon = s[self.statics - 1] if self.free_horizon else 1.0
+        rate = numeric_system(problem.system).rate_function(state, control)
+        slope = step * horizon * ca.vertcat(rate, self._integrand(state, control))
+        after = space.coordinates(state, there) / self.scales
+        places, expressions = self._path_rows(state, control, s)
         if self.free_horizon:
             self.rows.append(
                 ("horizon", problem.horizon.minimum or 0.0, problem.horizon.maximum or np.inf, 0.0)
             )
-            expressions.append(ca.SX(horizon))
-        after = space.coordinates(state, there) / self.scales
+            places = np.hstack([places, np.full((len(places), 1), -1)])
+            places[-1, -1] = self.nodes + len(self.rows) - 1
+            expressions.append(horizon)
         # continuity as s_{k+1} - F_k = 0, the sign that fatrop asks for
-        outputs = ca.vertcat(-after, -w[d : self.nodes], *expressions)
-        parameters = ca.vertcat(here, there, ca.vec(tables))
-        self._make_functions(w, parameters, outputs, self._cost(w, controls, horizon, cost))
+        closed = ca.vertcat(self._cost(s, interval * horizon, y[-1]), -after, -s[: self.statics])
+        first, others = (z, s, constants, phi), (y, s, constants, phi)
+        opened = ca.vertcat(space.chart(self.scales * z, here), 0)
+        return Shot(
+            part("opened", first, opened),
+            part("slope", others, slope),
+            part("rows", others, ca.vertcat(*expressions)),
+            part("closed", others, closed),
+            places,
+        )
 
-    def _horizon(self, w: ca.SX) -> Any:
-        return w[self.nodes - 1] if self.free_horizon else self.problem.horizon.fixed
+    def constants(self, here: Array, there: Array, intervals: int) -> Array:
+        """c of one of so many intervals between two reference poses."""
+        length = (1.0 if self.free_horizon else self.problem.horizon.fixed) / intervals
+        return np.concatenate([here, there, [length, length / self.steps]])
 
-    def meeting(self, task: Task, stage: int, offset: float, reference: Array) -> Meeting:
+    def points(self, z: Array, references: Array) -> Array:
+        """The states (k, size) with local coordinates (k, dimension) about references (k, size)."""
+        return self._at_nodes(self.shot.opened, z, references)[:, :-1]
+
+    def coordinates(self, states: Array, references: Array) -> Array:
+        """The local coordinates (k, dimension) of states (k, size); `points` undone."""
+        y = np.hstack([states, np.zeros((len(states), 1))])
+        return -self._at_nodes(self.shot.closed, y, references)[:, 1 : 1 + self.dimension]
+
+    def _at_nodes(self, part: ca.Function, y: Array, references: Array) -> Array:
+        """A part of the shot at many poses, where nothing but the pose matters."""
+        k, (_, s, _, phi) = len(y), (part.size1_in(i) for i in range(4))
+        constants = np.array([self.constants(reference, reference, 1) for reference in references])
+        return call(mapped(part, k), y, np.zeros((k, s)), constants, np.zeros((k, phi)))[0]
+
+    def meeting(self, task: Task, stage: int, offset: float, reference: Array, intervals: int) -> Meeting:
         """A task's equations at a place inside interval ``stage``, reached by the interval's own steps.
 
         The last of them is cut short where the place lies within it.
         """
         space, size = self.problem.system.state_space, self.basis.size if self.basis else 0
         w, here = ca.SX.sym("w", self.nodes + self.controls), ca.SX.sym("here", space.size)
+        z, s = w[: self.dimension], w[self.dimension :]
         shares = stage_times(offset, self.steps)
         tables = ca.SX.sym("phi", size, len(shares))
-        controls, horizon = self._stage_controls(w, tables), self._horizon(w)
-        state = space.chart(self.scales * w[: self.dimension], here)
+        phi = ca.horzsplit(tables)
+        length = (1.0 if self.free_horizon else self.problem.horizon.fixed) / intervals
+        y = self.shot.opened(z, s, ca.vertcat(here, here, 0, 0), phi[0])
         for j in range(0, len(shares) - 1, 2):
-            h = (shares[j + 2] - shares[j]) * horizon / self.intervals
-            state, _ = self._step(state, h, controls[j : j + 3])
+            constants = ca.vertcat(here, here, length, (shares[j + 2] - shares[j]) * length)
+            y = self.shot.step(y, s, constants, phi[j : j + 3])
         parameters = [reference]
         if self.basis:
-            parameters.append(basis_table(self.basis, (stage + shares) / self.intervals).ravel())
+            parameters.append(basis_table(self.basis, (stage + shares) / intervals).ravel())
         labels = [*(space.tangent_labels[i] for i in task.rows), *task.output_labels]
         return Meeting(
             stage=stage,
@@ -88,39 +124,25 @@ class Interval:
             names=[f"via pose at {task.share:g}: {label}" for label in labels],
             w=w,
             p=ca.vertcat(here, ca.vec(tables)),
-            rows=ca.SX(ca.vertcat(*task.equations(state))),
+            rows=ca.SX(ca.vertcat(*task.equations(y[:-1]))),
             parameters=np.concatenate(parameters),
         )
 
-    def last_meeting(self, task: Task, reference: Array) -> Meeting:
+    def last_meeting(self, task: Task, reference: Array, intervals: int) -> Meeting:
         """The equations of a task's outputs at the last node."""
         space = self.problem.system.state_space
         s, here = ca.SX.sym("s", self.nodes), ca.SX.sym("here", space.size)
         state = space.chart(self.scales * s[: self.dimension], here)
         names = [f"goal of {label}" for label in task.output_labels]
         rows = ca.SX(ca.vertcat(*task.output_equations(state)))
-        return Meeting(self.intervals, task.share, names, s, here, rows, reference)
+        return Meeting(intervals, task.share, names, s, here, rows, reference)
 
-    def _stage_controls(self, w: ca.SX, tables: ca.SX) -> list[ca.SX]:
+    def _control(self, s: ca.SX, phi: ca.SX) -> ca.SX:
+        """u of the variables s, with φ of its time."""
         if self.basis is None:
-            return [w[self.nodes :]] * tables.size2()
+            return s[self.statics :]
         inputs = self.problem.system.input_space.size
-        first = self.dimension
-        coefficients = ca.reshape(w[first : first + inputs * self.basis.size], self.basis.size, inputs).T
-        return [coefficients @ tables[:, j] for j in range(tables.size2())]
-
-    def _step(self, state: ca.SX, h: Any, u: Sequence[ca.SX]) -> tuple[ca.SX, Any]:
-        """One RK4 step, and the objective's share by the same quadrature."""
-        rate, cost = self._rate, self._integrand
-        k1 = rate(state, u[0])
-        x2 = state + 0.5 * h * k1
-        k2 = rate(x2, u[1])
-        x3 = state + 0.5 * h * k2
-        k3 = rate(x3, u[1])
-        x4 = state + h * k3
-        k4 = rate(x4, u[2])
-        share = h / 6 * (cost(state, u[0]) + 2 * cost(x2, u[1]) + 2 * cost(x3, u[1]) + cost(x4, u[2]))
-        return state + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4), share
+        return ca.reshape(s[: inputs * self.basis.size], self.basis.size, inputs).T @ phi
 
     def _integrand(self, state: ca.SX, control: ca.SX) -> Any:
         name = self.problem.objective
@@ -128,47 +150,61 @@ class Interval:
             return 0.0
         return INTEGRANDS[name](self.problem.system, state, control, self.problem.scale)
 
-    def _cost(self, w: ca.SX, controls: Sequence[ca.SX], horizon: Any, quadrature: Any) -> Any:
+    def _cost(self, s: ca.SX, length: Any, quadrature: ca.SX) -> Any:
+        """q of an interval of that length in time."""
         if self.problem.objective == "time":
-            return horizon / self.intervals
+            return length
         if self.problem.objective != "effort":
             return quadrature
         if self.basis is None:
-            return horizon / self.intervals * ca.sumsqr(w[self.nodes :])
+            return length * ca.sumsqr(s[self.statics :])
         inputs, size = self.problem.system.input_space.size, self.basis.size
-        coefficients = w[self.dimension : self.dimension + inputs * size]
+        coefficients = s[: inputs * size]
         gram = ca.DM(np.kron(np.eye(inputs), self.basis.gram(1.0)))  # ∫₀ᵀ = T ∫₀¹
-        return horizon / self.intervals * (coefficients.T @ gram @ coefficients)
+        return length * (coefficients.T @ gram @ coefficients)
 
-    def _path_rows(
-        self, bounds: Sequence[Bound], points: Sequence[tuple[float, ca.SX, ca.SX]], chosen: ca.SX
-    ) -> tuple[list[tuple[str, float, float, float]], list[ca.SX]]:
+    def _path_rows(self, state: ca.SX, control: ca.SX, chosen: ca.SX) -> tuple[Array, list[Any]]:
         """Rows at the end of every step, and at the interval's start where the control makes a quantity jump.
 
-        ``chosen``: the variables that set the control.
+        ``chosen``: the variables that set the control. The places among the outputs that `Shot` wants, and expressions.
         """
-        rows, expressions = [], []
-        for bound in bounds:
-            for share, state, control in points:
-                found = bound_rows(bound, self.problem.system, state, control, self.problem.scale)
-                for name, expression, lower, upper in found:
-                    if share == 0.0 and not ca.depends_on(ca.SX(expression), chosen):
+        system, scale, expressions, columns = self.problem.system, self.problem.scale, [], []
+        for bound in self.bounds:
+            found = bound_rows(bound, system, state, control, scale)
+            places = np.full((self.steps + 1, len(found)), -1)
+            for j in range(self.steps + 1):
+                for i, (name, expression, lower, upper) in enumerate(found):
+                    if j == 0 and not ca.depends_on(ca.SX(expression), chosen):
                         continue
-                    if share < 1.0 and lower == upper:
+                    if j < self.steps and lower == upper:
                         continue  # one control cannot hold an equation at several times
-                    rows.append((name, lower, upper, share))
-                    expressions.append(expression)
-        return rows, expressions
+                    places[j, i] = self.nodes + len(self.rows)
+                    self.rows.append((name, lower, upper, j / self.steps))
+            columns.append(places)
+            expressions += [expression for _, expression, _, _ in found]
+        return np.hstack([np.zeros((self.steps + 1, 0), dtype=int), *columns]), expressions
 
-    def _make_functions(self, w: ca.SX, parameters: ca.SX, outputs: ca.SX, cost: Any) -> None:
-        multipliers, weight = ca.SX.sym("lam", outputs.numel()), ca.SX.sym("sigma")
-        cost = ca.SX(cost)
-        # apart, since IPOPT asks for f and for g apart
-        self.cost = ca.Function("cost", [w, parameters], [cost])
-        self.value = ca.Function("value", [w, parameters], [cost, ca.densify(outputs)])
-        gradient = ca.densify(ca.gradient(cost, w))
-        self.gradient = ca.Function("gradient", [w, parameters], [cost, gradient])
-        jacobian = ca.densify(ca.jacobian(outputs, w))
-        self.jacobian = ca.Function("jacobian", [w, parameters], [ca.densify(outputs), jacobian])
-        hessian = ca.hessian(weight * cost + ca.dot(multipliers, outputs), w)[0]
-        self.hessian = ca.Function("hessian", [w, parameters, weight, multipliers], [ca.densify(hessian)])
+
+@dataclass(frozen=True)
+class _Asked:
+    """What an interval depends on, and the parts that it is made from."""
+
+    key: tuple[Any, ...]
+    arguments: tuple[Any, ...] = field(compare=False)
+
+
+def interval_of(
+    problem: PlanningProblem, basis: ControlBasis | None, steps: int, bounds: Sequence[Bound]
+) -> Interval:
+    """The `Interval`, made once: neither start, goal, guess nor N enters it."""
+    sides = tuple(
+        (bound.label, bound.quantity, *(repr(np.asarray(x).tolist()) for x in (bound.lower, bound.upper)))
+        for bound in bounds
+    )
+    key = (problem.system, problem.objective, problem.scale, problem.horizon, basis, steps, sides)
+    return _made(_Asked(key, (problem, basis, steps, list(bounds))))
+
+
+@lru_cache(maxsize=8)  # each holds some megabytes of expressions
+def _made(asked: _Asked) -> Interval:
+    return Interval(*asked.arguments)

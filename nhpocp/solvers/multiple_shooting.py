@@ -14,6 +14,7 @@ from nhpocp.constraints import Bound, check_bounds
 from nhpocp.controls.basis import ControlBasis
 from nhpocp.controls.control import Control
 from nhpocp.errors import InvalidProblemError
+from nhpocp.flow.kernels import CompiledWhenReady, Interpreted, Kernels
 from nhpocp.flow.simulation import Motion, simulate
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Outcome, Progress, Solution
@@ -51,6 +52,7 @@ class MultipleShooting:
     many steps ends within a tenth of the tolerance. Bounds that are broken between the nodes are tightened there by as
     much, and the problem is solved again. ``starts``: the first is ``guess``, the others seeded; the least objective
     of those that end well is kept. ``mesh_check``: solve again with twice as many intervals and say what that changes.
+    ``kernels``: whether compiled ones evaluate the intervals for IPOPT.
     """
 
     intervals: int = 50
@@ -62,6 +64,7 @@ class MultipleShooting:
     starts: int = 1
     seed: int = 0
     mesh_check: bool = False
+    kernels: Kernels = field(default_factory=CompiledWhenReady)
     name: ClassVar[str] = "nlp"
 
     @property
@@ -158,12 +161,16 @@ class _Run:
         programme, optimum, plan, motion = self._tighten(programme, optimum, plan, motion)
         return self._solution(programme, optimum, plan, motion, perf_counter() - began - self.build_seconds)
 
+    @property
+    def _kernels(self) -> Kernels:
+        return self.solver.kernels if self.solver.optimizer.takes_derivatives else Interpreted()
+
     # --- the stages ---------------------------------------------------------------------------------------------
 
     def _optimise(self, guess: Guess, steps: int, multipliers: Array | None) -> tuple[Transcription, Optimum]:
         began = perf_counter()
         programme = self.solver.transcription(
-            self.problem, guess, self.basis, self.solver.intervals, steps, self.bounds
+            self.problem, guess, self.basis, self.solver.intervals, steps, self.bounds, self._kernels
         )
         start = programme.pack(guess)
         _, constraints = programme.functions["nlp"](start, [])
@@ -179,8 +186,10 @@ class _Run:
 
             if multipliers is not None and len(multipliers) != len(programme.rows):
                 multipliers = None  # finer steps bring further rows of the same bounds
+            began = perf_counter()
             try:
                 optimum = self.solver.optimizer.solve(programme, start, multipliers, watch)
+                programme.note(perf_counter() - began)
             except RuntimeError as error:  # what CasADi raises, whatever went wrong
                 optimum = failed(programme, start, error)
             if interruption.noted:  # fatrop cannot be stopped, but what comes after it can

@@ -45,8 +45,13 @@ class Programme(Protocol):
     def upper(self) -> Array: ...
 
     @property
+    def nlp(self) -> ca.Function:
+        """x, p ↦ f, g, which CasADi can differentiate."""
+        ...
+
+    @property
     def functions(self) -> Mapping[str, Any]:
-        """ "nlp" and, where there are any, "grad_f", "jac_g", "hess_lag"."""
+        """ "nlp", which may be a faster one, and, where there are any, "grad_f", "jac_g", "hess_lag"."""
         ...
 
     @property
@@ -78,6 +83,7 @@ class Optimizer(Protocol):
     """A way to solve a `Programme`."""
 
     kind: ClassVar[str]
+    takes_derivatives: ClassVar[bool]  # else it makes its own of the programme's `nlp`
 
     @property
     def tolerance(self) -> float: ...
@@ -99,6 +105,7 @@ class Ipopt:
     max_iterations: int = 1000
     linear_solver: str = "mumps"
     kind: ClassVar[str] = "ipopt"
+    takes_derivatives: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         if self.linear_solver not in LINEAR_SOLVERS:
@@ -139,6 +146,9 @@ class Ipopt:
                 "print_time": False,
                 "show_eval_warnings": False,
                 "error_on_fail": False,
+                # ∇f + ∇gᵀλ by AD, which nobody asks for and a kernel does not have
+                "no_nlp_grad": True,
+                "calc_lam_p": False,
                 "ipopt": options,
             }
             plugin.update(
@@ -164,6 +174,7 @@ class Fatrop:
     tolerance: float = 1e-6
     max_iterations: int = 1000
     kind: ClassVar[str] = "fatrop"
+    takes_derivatives: ClassVar[bool] = False  # CasADi's interface has no place for them
 
     def settings(self) -> dict[str, Any]:
         return {"plugin": self.kind, "tolerance": self.tolerance, "max_iterations": self.max_iterations}
@@ -180,7 +191,7 @@ class Fatrop:
         solver = ca.nlpsol(
             "fatrop",
             "fatrop",
-            programme.functions["nlp"],
+            programme.nlp,
             {
                 "structure_detection": "manual",
                 **structure,

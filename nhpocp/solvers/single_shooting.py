@@ -35,6 +35,10 @@ class SingleShooting(Transcription):
     @cached_property
     def functions(self) -> dict[str, Any]:
         """nlp (x ↦ f, g); the derivatives are CasADi's own, through the roll-out."""
+        return {"nlp": self.nlp} | ({"exact": True} if self.size <= EXACT_HESSIAN_UP_TO else {})
+
+    @cached_property
+    def nlp(self) -> ca.Function:
         interval, N, d = self.interval, self.intervals, self.interval.dimension
         x, p = ca.MX.sym("x", self.size), ca.MX.sym("p", 0)
         z, statics, cost, rows = ca.MX(ca.DM.zeros(d)), x[: self.statics], ca.MX(0), []
@@ -42,15 +46,14 @@ class SingleShooting(Transcription):
         for k in range(N):
             u = x[self.statics + k * interval.controls : self.statics + (k + 1) * interval.controls]
             stage = ca.vertcat(z, statics, u)
-            share, values = interval.value(stage, parameters[:, k])
-            cost += share
+            cost += interval.shot.cost(stage, parameters[:, k])
+            values = interval.shot.value(stage, parameters[:, k])
             z = -values[:d]
             rows.append(values[interval.nodes :])
             rows += [m.value(stage, m.parameters) for m in self.meetings if m.stage == k]
         last = [m.value(ca.vertcat(z, statics), m.parameters) for m in self._met_last]
         g = ca.vertcat(*rows, z[self.terminal.tolist()], *last)
-        functions = {"nlp": ca.Function("nlp", [x, p], [cost, g], ["x", "p"], ["f", "g"])}
-        return functions | ({"exact": True} if self.size <= EXACT_HESSIAN_UP_TO else {})
+        return ca.Function("nlp", [x, p], [cost, g], ["x", "p"], ["f", "g"])
 
     def pack(self, guess: Guess) -> Array:
         parts: list[Array] = [guess.control.coefficients.ravel()] if self.basis else []
@@ -70,9 +73,12 @@ class SingleShooting(Transcription):
             stage = np.concatenate([local, statics, controls[k]])
             stages.append(stage)
             locals_.append(local)
-            values = np.array(self.interval.value(stage, self.parameters[:, k])[1]).ravel()
+            values = np.array(self.interval.shot.value(stage, self.parameters[:, k])).ravel()
             local = -values[: self.interval.dimension]
         return np.array(stages), np.array([*locals_, local])
+
+    def note(self, seconds: float) -> None:
+        """There is no kernel to be built."""
 
     @property
     def structure(self) -> None:

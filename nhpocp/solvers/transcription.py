@@ -5,8 +5,8 @@ and the static variables c (coefficients of a basis, a free horizon), interval k
 s_0, u_0, s_1, u_1, …, s_N with s = (z, c):
     min Σ q_k    s.t.    z_{k+1} = F_k(s_k, u_k),   c_{k+1} = c_k,   rows_k(s_k, u_k) within bounds,
     z_0 at the start, z_N at the goal, r(s_k, u_k) = 0 where a via pose or an output of the pose is to be met.
-F_k is RK4 in the packed coordinates between the two charts. Value, Jacobian and Hessian of one interval are SX
-functions mapped over the grid; the sparse matrices are filled from their blocks, which leaves CasADi nothing to colour.
+F_k is RK4 in the packed coordinates between the two charts. Value, Jacobian and Hessian of one interval are mapped over
+the grid (`Shots`: interpreted or compiled); the sparse matrices are filled from their blocks: nothing to colour.
 """
 
 from __future__ import annotations
@@ -25,8 +25,10 @@ from nhpocp.constraints import Bound
 from nhpocp.controls.basis import ControlBasis
 from nhpocp.controls.control import Control
 from nhpocp.controls.piecewise_constant import PiecewiseConstant
+from nhpocp.flow.kernels import Kernels
+from nhpocp.flow.shot import Shots
 from nhpocp.problem import PlanningProblem
-from nhpocp.solvers.interval import Interval
+from nhpocp.solvers.interval import interval_of
 from nhpocp.solvers.meeting import Meeting, basis_table, place
 
 
@@ -60,17 +62,19 @@ class Transcription:
         intervals: int,
         steps: int,
         bounds: Sequence[Bound],
+        kernels: Kernels,
     ) -> None:
         self.problem, self.basis, self.intervals, self.steps = problem, basis, intervals, steps
-        self.interval = Interval(problem, basis, steps, intervals, bounds)
+        self.guess, self.kernels = guess, kernels
+        self.interval = interval_of(problem, basis, steps, bounds)
         self.references = self._references(guess)
         self._shape()
 
     def _references(self, guess: Guess) -> Array:
         """x̄_k: the guess's own poses, but the start's and the goal's exactly."""
-        references = np.array([self.problem.system.state_space.nearest(state) for state in guess.states])
-        references[0] = self.problem.start_point
         space = self.problem.system.state_space
+        references = space.nearest(guess.states)
+        references[0] = self.problem.start_point
         for name in space.names:
             if name in self.problem.goal:
                 references[-1, space.point_slice(name)] = np.ravel(self.problem.goal[name])
@@ -98,8 +102,10 @@ class Transcription:
         found = []
         for task in via:
             stage, offset = place(task.share, self.intervals)
-            found.append(self.interval.meeting(task, stage, offset, self.references[stage]))
-        return found + ([self.interval.last_meeting(goal, self.references[-1])] if goal.outputs else [])
+            found.append(self.interval.meeting(task, stage, offset, self.references[stage], self.intervals))
+        return found + (
+            [self.interval.last_meeting(goal, self.references[-1], self.intervals)] if goal.outputs else []
+        )
 
     @property
     def _met_within(self) -> list[Meeting]:
@@ -125,7 +131,8 @@ class Transcription:
     @cached_property
     def parameters(self) -> Array:
         """p_k as columns."""
-        columns = [self.references[:-1].T, self.references[1:].T]
+        pairs = pairwise(self.references)
+        columns = [np.array([self.interval.constants(*pair, self.intervals) for pair in pairs]).T]
         if self.basis:
             edges = np.linspace(0.0, 1.0, self.intervals + 1)
             shares = np.linspace(0.0, 1.0, 2 * self.steps + 1)
@@ -140,10 +147,7 @@ class Transcription:
 
         The start's rows follow the first interval's own.
         """
-        labels, statics = (
-            self.problem.system.state_space.tangent_labels,
-            self.interval.nodes - self.interval.dimension,
-        )
+        labels, statics = self.problem.system.state_space.tangent_labels, self.interval.statics
         rows, N = [], self.intervals
         for k in range(N):
             rows += [Row(f"continuity of {label} at node {k + 1}", 0.0, 0.0, (k + 1) / N) for label in labels]
@@ -178,14 +182,8 @@ class Transcription:
     @cached_property
     def _pattern(self) -> dict[str, Any]:
         """Triplets of the Jacobian and of the Hessian's upper triangle, and where their values come from."""
-        N, n, stage, outputs, d = (
-            self.intervals,
-            self.interval.nodes,
-            self.stage,
-            self.outputs,
-            self.interval.dimension,
-        )
-        first_rows = self.first_rows
+        N, n, d = self.intervals, self.interval.nodes, self.interval.dimension
+        stage, outputs, first_rows = self.stage, self.outputs, self.first_rows
         r, c = np.meshgrid(np.arange(outputs), np.arange(stage), indexing="ij")
         rows = [(first_rows[:, None] + r.ravel(order="F")).ravel()]
         columns = [(stage * np.arange(N)[:, None] + c.ravel(order="F")).ravel()]
@@ -230,23 +228,46 @@ class Transcription:
         return [names.index(meeting.names[0]) for meeting in self.meetings]
 
     @cached_property
+    def _arguments(self) -> tuple[ca.MX, ca.MX, ca.MX, ca.DM]:
+        """x, p (empty), the variables w_k as columns, and p_k as columns."""
+        x = ca.MX.sym("x", self.size)
+        stages = ca.reshape(x[: self.intervals * self.stage], self.stage, self.intervals)
+        return x, ca.MX.sym("p", 0), stages, ca.DM(self.parameters)
+
+    @cached_property
+    def nlp(self) -> ca.Function:
+        """x ↦ f, g, which CasADi can differentiate."""
+        return self._nlp(self.interval.shot.interpreted(self.intervals))
+
+    @cached_property
+    def shots(self) -> Shots:
+        """The functions of all intervals, in the way that was asked for."""
+        return self.kernels.shots(self.interval.shot, self.intervals, self._trial)
+
+    def _trial(self) -> tuple[Array, Array]:
+        """Variables and parameters (k, ·) of a few intervals, to try a kernel on."""
+        few = sorted({0, self.intervals // 2, self.intervals - 1})
+        return self._stages(self.pack(self.guess))[0][few], self.parameters.T[few]
+
+    def note(self, seconds: float) -> None:
+        """Takes down what a solve of this programme has cost."""
+        self.shots.note(seconds)
+
+    def _nlp(self, shots: Shots) -> ca.Function:
+        x, p, stages, parameters = self._arguments
+        f = ca.sum2(shots.cost(stages, parameters))
+        g = self._constraints(shots.value(stages, parameters), x)
+        return ca.Function("nlp", [x, p], [f, g], ["x", "p"], ["f", "g"])
+
+    @cached_property
     def functions(self) -> dict[str, Any]:
         """nlp (x ↦ f, g), grad_f, jac_g, hess_lag with the signatures that CasADi's nlpsol takes."""
-        N, n = self.intervals, self.interval.nodes
-        x, p = ca.MX.sym("x", self.size), ca.MX.sym("p", 0)
-        stages = ca.reshape(x[: N * self.stage], self.stage, N)
-        after = ca.horzcat(stages[:n, 1:], x[N * self.stage :])
-        parameters = ca.DM(self.parameters)
-        interval = self.interval
-        costs, (_, values) = (
-            interval.cost.map(N)(stages, parameters),
-            interval.value.map(N)(stages, parameters),
-        )
-        f, g = ca.sum2(costs), self._constraints(values, after, x)
-        _, gradients = interval.gradient.map(N)(stages, parameters)
-        gradient = ca.vertcat(ca.vec(gradients), ca.DM.zeros(n))
-        values, blocks = interval.jacobian.map(N)(stages, parameters)
-        constants = np.ones(N * n + interval.dimension + len(self.terminal))
+        x, p, stages, parameters = self._arguments
+        N, shots = self.intervals, self.shots
+        costs, gradients = shots.gradient(stages, parameters)
+        gradient = ca.vertcat(ca.vec(gradients), ca.DM.zeros(self.interval.nodes))
+        values, blocks = shots.jacobian(stages, parameters)
+        constants = np.ones(N * self.interval.nodes + self.interval.dimension + len(self.terminal))
         met = [
             ca.vec(meeting.jacobian(self._variables(meeting, x), meeting.parameters))
             for meeting in self.meetings
@@ -255,7 +276,7 @@ class Transcription:
         jacobian = ca.MX(sparsity, ca.vertcat(ca.vec(blocks), ca.DM(constants), *met)[mapping])
         weight, multipliers = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", len(self.rows))
         own = (self.first_rows + np.arange(self.outputs)[:, None]).ravel(order="F")
-        hessians = interval.hessian.map(N)(
+        hessians = shots.hessian(
             stages,
             parameters,
             ca.repmat(weight, 1, N),
@@ -263,26 +284,26 @@ class Transcription:
         )
         sparsity, mapping = self._pattern["hessian"]
         hessian = ca.MX(sparsity, self._with_meetings(hessians, x, multipliers)[mapping])
-        g_again = self._constraints(values, after, x)
+        f, g = ca.sum2(costs), self._constraints(values, x)
         return {
-            "nlp": ca.Function("nlp", [x, p], [f, g], ["x", "p"], ["f", "g"]),
+            "nlp": self._nlp(shots),
             "grad_f": ca.Function("nlp_grad_f", [x, p], [f, gradient], ["x", "p"], ["f", "grad_f_x"]),
-            "jac_g": ca.Function("nlp_jac_g", [x, p], [g_again, jacobian], ["x", "p"], ["g", "jac_g_x"]),
+            "jac_g": ca.Function("nlp_jac_g", [x, p], [g, jacobian], ["x", "p"], ["g", "jac_g_x"]),
             "hess_lag": ca.Function(
                 "nlp_hess_l", [x, p, weight, multipliers], [hessian], ["x", "p", "lam_f", "lam_g"], ["hess"]
             ),
         }
 
-    def _constraints(self, values: ca.MX, after: ca.MX, x: ca.MX) -> ca.MX:
+    def _constraints(self, values: ca.MX, x: ca.MX) -> ca.MX:
         n, d = self.interval.nodes, self.interval.dimension
+        after = ca.horzcat(self._arguments[2][:n, 1:], x[self.intervals * self.stage :])
         gaps = ca.vertcat(values[:n, :] + after, values[n:, :])
         parts, done = [ca.vec(gaps[:, 0]), x[:d]], 1
         for meeting in self._met_within:
             parts.append(ca.vec(gaps[:, done : meeting.stage + 1]))
             done = max(done, meeting.stage + 1)
             parts.append(meeting.value(self._variables(meeting, x), meeting.parameters))
-        parts.append(ca.vec(gaps[:, done:]))
-        parts.append(x[self.intervals * self.stage + self.terminal])
+        parts += [ca.vec(gaps[:, done:]), x[self.intervals * self.stage + self.terminal]]
         parts += [
             meeting.value(self._variables(meeting, x), meeting.parameters) for meeting in self._met_last
         ]
@@ -311,26 +332,22 @@ class Transcription:
 
     def pack(self, guess: Guess) -> Array:
         """x of a guess whose control is sampled at the intervals' middles, or given over the basis."""
-        space, N, T = self.problem.system.state_space, self.intervals, guess.control.horizon
+        N, T = self.intervals, guess.control.horizon
         statics: list[float] = list(guess.control.coefficients.ravel()) if self.basis else []
         if self.interval.free_horizon:
             statics.append(T)
         middles = guess.control((np.arange(N) + 0.5) * T / N)
-        parts = []
+        parts, local = [], self.interval.coordinates(guess.states, self.references)
         for k in range(N + 1):
-            local = space.coordinates(guess.states[k], self.references[k]) / self.interval.scales
-            parts += [local, statics]
+            parts += [local[k], statics]
             if k < N and not self.basis:
                 parts.append(middles[k])
         return np.concatenate(parts)
 
     def unpack(self, x: Array) -> Guess:
         """The node states and the control of a vector x."""
-        space, d = self.problem.system.state_space, self.interval.dimension
-        stages, locals_ = self._stages(x)
-        states = np.array(
-            [space.chart(self.interval.scales * z, o) for z, o in zip(locals_, self.references, strict=True)]
-        )
+        d, (stages, locals_) = self.interval.dimension, self._stages(x)
+        states = self.interval.points(locals_, self.references)
         horizon = (
             float(stages[0, self.interval.nodes - 1])
             if self.interval.free_horizon

@@ -1,0 +1,232 @@
+"""Where compiled kernels are kept, and what is done when one is odd: one policy for every kind of kernel.
+
+A kernel is C code built by the system's compiler and kept in the user's cache folder, under a name that is a hash of
+all it depends on. Whatever goes wrong with it costs one line on standard error; the answers stay the same.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import hashlib
+import logging
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+import casadi as ca
+import numpy as np
+
+from nhpocp.arrays import Array
+from nhpocp.flow import kernel_build
+from nhpocp.machine import c_compiler, compiler, processor
+
+CLOSE = 1e-9  # between a kernel and CasADi's own evaluation, relative to the largest number
+STALE = 600.0  # seconds after which a build counts as given up
+
+_log = logging.getLogger("nhpocp")
+_said: set[str] = set()
+
+K = TypeVar("K")
+
+
+class Place(Generic[K]):
+    """What a process knows of one kernel."""
+
+    def __init__(
+        self, identity: Callable[[], str], source: Callable[[], str], loaded: Callable[[Path], K]
+    ) -> None:
+        """``identity``: all that the C text depends on, cheap to say. ``source``: that text, or `NotImplementedError`.
+
+        ``loaded``: the kernel of a file, `OSError` or `AttributeError` where it is none.
+        """
+        self._identity, self._source, self._loaded = identity, source, loaded
+        self.kernel: K | None = None
+        self.seconds = 0.0  # that CasADi's evaluation has cost so far
+        self.untried = True
+        self._key, self._building = "", False
+
+    def get(self, agrees: Callable[[K], bool]) -> None:
+        """Takes the kernel, which is built if there is none yet."""
+        if self.untried:
+            self._take(agrees, self._stored())
+        if self.untried:
+            self._take(agrees, self._built())
+
+    def look(self, agrees: Callable[[K], bool], patience: float) -> None:
+        """Takes the stored kernel; where there is none, has it built and looks again after the same time.
+
+        What has cost nothing yet may never be asked for again, and is not built.
+        """
+        stored = self._stored()
+        if stored:
+            self._take(agrees, stored)
+        elif self.untried and not self._building and self.seconds > 0:
+            self._building = True
+            self._begin()
+        self.seconds -= patience
+
+    def note(self, seconds: float) -> None:
+        """Takes down what CasADi's evaluation has cost."""
+        self.seconds += seconds
+
+    def _named(self) -> bool:
+        """Whether there is a name; it is made once."""
+        if not self._key and self.untried:
+            if c_compiler() is None:
+                self._give_up("no C compiler was found")
+                return False
+            try:
+                self._key = _key(self._identity())
+            except NotImplementedError as error:
+                self._give_up(str(error))
+        return bool(self._key)
+
+    def _stored(self) -> Path | None:
+        """The kernel in the cache, undamaged."""
+        if not self._named():
+            return None
+        with suppress(OSError):
+            for path in sorted(cache_folder().glob(f"{self._key}-*{kernel_build.SUFFIX}")):
+                if kernel_build.digest(path.read_bytes()) == path.stem.rpartition("-")[2]:
+                    return path
+                notice(f"the kernel {path} is damaged and was removed")
+                path.unlink()
+        return None
+
+    def _text(self) -> str:
+        try:
+            return self._source()
+        except NotImplementedError as error:
+            self._give_up(str(error))
+            return ""
+
+    def _built(self) -> Path | None:
+        """The kernel, built now."""
+        text = self._text() if self._named() else ""
+        if not text:
+            return None
+        try:
+            workshop = Path(tempfile.mkdtemp(prefix=".building-", dir=_made_folder()))
+            (workshop / kernel_build.SOURCE).write_text(text, encoding="utf-8")
+        except OSError as error:
+            self._give_up(f"{cache_folder()} takes no kernels ({error.strerror})")
+            return None
+        said = kernel_build.build(workshop, self._key, str(c_compiler()))
+        found = None if said else self._stored()
+        if found is None:
+            self._give_up(f"the C compiler failed ({said or 'its kernel has gone'})")
+        return found
+
+    def _begin(self) -> None:
+        """Has the kernel built by a process of its own, which may outlive this one; unless one is at it already."""
+        with suppress(OSError):  # nobody asked for this kernel
+            workshop = _made_folder() / f".building-{self._key}"
+            if workshop.exists() and time.time() - workshop.stat().st_mtime > STALE:
+                _removed(workshop)
+            if workshop.exists():
+                return
+            text = self._text()
+            if not text:
+                return
+            workshop.mkdir()
+            (workshop / kernel_build.SOURCE).write_text(text, encoding="utf-8")
+            subprocess.Popen(
+                [sys.executable, "-I", "-S", kernel_build.__file__, workshop, self._key, str(c_compiler())],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+                start_new_session=True,
+            )
+
+    def _take(self, agrees: Callable[[K], bool], path: Path | None) -> None:
+        """Loads a kernel and uses it from now on, if it says what CasADi says."""
+        if path is None:
+            return
+        self.untried = False
+        try:
+            kernel = self._loaded(path)
+        except (OSError, AttributeError) as error:
+            self._give_up(f"the kernel {path} cannot be loaded ({error})")
+            return
+        if agrees(kernel):
+            self.kernel = kernel
+        else:
+            with suppress(OSError):
+                path.unlink()
+            self._give_up(f"the kernel {path} disagrees with CasADi and was removed")
+
+    def _give_up(self, why: str) -> None:
+        self.untried = False
+        notice(f"{why}: CasADi's own evaluation is used, slower")
+
+
+def agree(found: Sequence[Array], expected: Sequence[Array]) -> bool:
+    """Whether a kernel's numbers are CasADi's up to rounding."""
+    with np.errstate(all="ignore"):
+        return all(
+            np.allclose(a, b, rtol=0.0, atol=CLOSE * np.nanmax(np.abs(b), initial=1e-300), equal_nan=True)
+            for a, b in zip(found, expected, strict=True)
+        )
+
+
+def address(array: Array) -> int:
+    """Of a contiguous array that may be written to."""
+    return ctypes.addressof(ctypes.c_char.from_buffer(array))  # array.ctypes takes three times as long
+
+
+def _key(identity: str) -> str:
+    """A hash of all that a kernel depends on: text and sizes, CasADi, compiler, flags, processor."""
+    parts = (identity, ca.CasadiMeta.version(), compiler(), kernel_build.FLAGS, processor())
+    return hashlib.sha256(repr(parts).encode()).hexdigest()[:32]
+
+
+def notice(text: str) -> None:
+    """One line on standard error, once."""
+    if text not in _said:
+        _said.add(text)
+        _log.warning("nhpocp: %s", text)
+
+
+def cache_folder() -> Path:
+    """Where kernels are kept: NHPOCP_CACHE, or the user's cache folder."""
+    given = os.environ.get("NHPOCP_CACHE")
+    if given:
+        return Path(given).expanduser()
+    home = os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA")
+    return (Path(home) if home else Path.home() / ".cache") / "nhpocp"
+
+
+def _made_folder() -> Path:
+    folder = cache_folder()
+    folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+    return folder
+
+
+def cached() -> dict[str, Any]:
+    """The cache's folder, its number of kernels and their bytes."""
+    sizes = []
+    with suppress(OSError):
+        sizes = [path.stat().st_size for path in cache_folder().glob(f"*-*{kernel_build.SUFFIX}")]
+    return {"folder": str(cache_folder()), "kernels": len(sizes), "bytes": sum(sizes)}
+
+
+def clear_cache() -> int:
+    """Removes every kernel, and builds that were given up; their number."""
+    kernels = list(cache_folder().glob(f"*-*{kernel_build.SUFFIX}"))
+    for path in kernels:
+        path.unlink(missing_ok=True)
+    for workshop in cache_folder().glob(".building-*"):
+        _removed(workshop)
+    return len(kernels)
+
+
+def _removed(workshop: Path) -> None:
+    for path in workshop.iterdir():
+        path.unlink(missing_ok=True)
+    workshop.rmdir()
