@@ -23,12 +23,6 @@ SYSTEMS: dict[str, str] = {
     "three_upu": "nhpocp.systems.three_upu:ThreeUPU",
 }
 
-# Names that `constraints.state` may bound besides the state's own blocks. A model that is not listed is asked when the
-# problem is built, for its outputs are CasADi expressions.
-OUTPUTS: dict[str, tuple[str, ...]] = {
-    "three_upu": ("u", "v", "leg_lengths", "joint_angles", "platform_normal"),
-}
-
 
 class LegData(Strict):
     """One leg of the 3-ŬPU robot as built."""

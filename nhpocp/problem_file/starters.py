@@ -6,7 +6,7 @@ from math import degrees
 
 from nhpocp.errors import InvalidProblemError
 from nhpocp.problem_file.issues import suggestion
-from nhpocp.problem_file.registry import OUTPUTS, SYSTEMS, system_class
+from nhpocp.problem_file.registry import SYSTEMS, system_class
 from nhpocp.state_space import Block, StateSpace
 from nhpocp.systems.system import Parameter, System
 
@@ -33,7 +33,7 @@ def starter(model: str = "three_upu") -> str:
     system = cls()
     space = system.state_space
     start, goal, rows = _TASKS.get(model, (_state(space, 0), _state(space, 1), ()))
-    constraints = _CONSTRAINTS if "leg_lengths" in OUTPUTS.get(model, ()) else _CONSTRAINTS[:2]
+    constraints = _CONSTRAINTS if "leg_lengths" in (cls.known_outputs() or ()) else _CONSTRAINTS[:2]
     return "\n".join([*_head(cls, model), *_task(start, goal, system, rows), *constraints, *_SOLVERS, ""])
 
 
