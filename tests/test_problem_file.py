@@ -131,6 +131,10 @@ def test_every_problem_of_the_library_is_valid(path) -> None:
     problem = load_problem(path)
     assert problem.source == file.text
     assert problem.reference["source"]
+
+
+def test_the_papers_task_is_read_as_the_paper_states_it() -> None:
+    problem = load_problem(next(path for path in PROBLEMS if path.stem == "paper"))
     np.testing.assert_allclose(
         problem.goal["orientation"], so3.from_rpy(np.array([0, 0, -pi / 2])), atol=1e-15
     )

@@ -21,6 +21,11 @@ from nhpocp.systems.system import Parameter, System
 
 SYSTEMS: dict[str, str] = {
     "three_upu": "nhpocp.systems.three_upu:ThreeUPU",
+    "heisenberg": "nhpocp.systems.heisenberg:Heisenberg",
+    "free_nilpotent_36": "nhpocp.systems.free_nilpotent_36:FreeNilpotent36",
+    "unicycle": "nhpocp.systems.unicycle:Unicycle",
+    "veselova_joint": "nhpocp.systems.veselova_joint:VeselovaJoint",
+    "rolling_sphere": "nhpocp.systems.rolling_sphere:RollingSphere",
 }
 
 
