@@ -59,7 +59,7 @@ class System(Protocol):
     declared: ClassVar[Mapping[str, Parameter]] = {}
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
     output_names: ClassVar[tuple[str, ...] | None] = (
-        None  # those of `outputs`; None: the expressions are asked, once a problem is built
+        None  # all that `outputs` may give; None: it is asked, once a problem is built
     )
     pose_outputs: ClassVar[
         tuple[Block, ...]
