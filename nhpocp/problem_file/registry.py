@@ -25,6 +25,7 @@ SYSTEMS: dict[str, str] = {
     "free_nilpotent_36": "nhpocp.systems.free_nilpotent_36:FreeNilpotent36",
     "unicycle": "nhpocp.systems.unicycle:Unicycle",
     "veselova_joint": "nhpocp.systems.veselova_joint:VeselovaJoint",
+    "suslov_joint": "nhpocp.systems.suslov_joint:SuslovJoint",
     "rolling_sphere": "nhpocp.systems.rolling_sphere:RollingSphere",
 }
 
