@@ -172,7 +172,7 @@ def _validate(raw: dict[str, Any], place: Place) -> tuple[ProblemData, System]:
 
 def _doubts(data: ProblemData, system: System) -> Iterator[Issue]:
     start, goal = plain_state(data.start), plain_state(data.goal)
-    if all(name in start and _close(goal[name], start[name]) for name in goal):
+    if system.driftless and all(name in start and _close(goal[name], start[name]) for name in goal):
         yield Issue(("goal",), "the same as start; the shortest plan is to stand still", at_key=True)
     yield from broken_ends(data, system)
     if data.objective == "time" and not isinstance(data.horizon, FreeHorizon):
