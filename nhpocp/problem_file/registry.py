@@ -53,8 +53,9 @@ def system_class(model: str) -> type[System]:
         return cast("type[System]", getattr(importlib.import_module(module), name))
     found = plugins.installed()
     if model not in found:
-        known = [*SYSTEMS, *found]
-        raise InvalidProblemError(f"unknown model {model!r}; {suggestion(model, known)}", path="system.model")
+        near = suggestion(model, [*SYSTEMS, *found])
+        own = f"a system of your own is found by an entry point of the group {plugins.GROUP}"
+        raise InvalidProblemError(f"unknown model {model!r}; {near}; {own}", path="system.model")
     return plugins.load(found[model])
 
 

@@ -122,8 +122,8 @@ def add_view(
     left, bottom, width, height = box
     axes = figure.add_axes((left + 0.17 * width, bottom + 0.14 * height, 0.8 * width, 0.84 * height))
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel=names[0], ylabel=names[1], aspect="equal")
-    for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_locator(_few_ticks(3))
+    for axis, size in zip((axes.xaxis, axes.yaxis), high - low, strict=True):
+        axis.set_major_locator(_few_ticks(3 if size > 0.6 * (high - low).max() else 1))
     return axes
 
 
@@ -180,12 +180,12 @@ def _split(name: str) -> tuple[str, int | None]:
 
 
 def plot_robot(axes: Any, drawing: Mapping[str, Any], *, ghost: bool = False) -> None:
-    """One drawing on its axes: filled bodies, coloured legs, thin axes; a ghost is its closed lines, dashed."""
+    """One drawing on its axes: filled bodies, coloured legs, thin axes; a ghost is its bodies' outlines, dashed."""
     lines = {name: np.asarray(line, dtype=float) for name, line in drawing["lines"].items()}
     lines = {name: line for name, line in lines.items() if np.isfinite(line).all()}
     closed = {name: line for name, line in lines.items() if _is_closed(line)}
     if ghost:
-        for line in closed.values():
+        for line in (closed or lines).values():
             axes.plot(*line.T, color="0.45", linewidth=0.7, linestyle=(0, (4, 2)), zorder=2)
         return
     points = {name: np.asarray(dots, dtype=float) for name, dots in drawing["points"].items()}
