@@ -4,6 +4,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from nhpocp.arrays import namespace as namespace
     from nhpocp.comparison import Comparison as Comparison
     from nhpocp.comparison import Run as Run
     from nhpocp.comparison import compare as compare
@@ -32,6 +33,11 @@ if TYPE_CHECKING:
     from nhpocp.solvers.step_rules import Euler as Euler
     from nhpocp.solvers.step_rules import Ode as Ode
     from nhpocp.state_space import StateSpace as StateSpace
+    from nhpocp.state_space import direction as direction
+    from nhpocp.state_space import rotation as rotation
+    from nhpocp.state_space import scalar as scalar
+    from nhpocp.state_space import vector as vector
+    from nhpocp.systems.system import Parameter as Parameter
     from nhpocp.systems.system import System as System
     from nhpocp.systems.three_upu import Leg as Leg
     from nhpocp.systems.three_upu import ThreeUPU as ThreeUPU
@@ -59,6 +65,7 @@ _HOMES = {
     "NhpocpError": "errors",
     "Ode": "solvers.step_rules",
     "Outcome": "solution",
+    "Parameter": "systems.system",
     "PlanningProblem": "problem",
     "Run": "comparison",
     "RungeKutta4": "flow.integrators",
@@ -68,10 +75,15 @@ _HOMES = {
     "ThreeUPU": "systems.three_upu",
     "Verdict": "solution",
     "compare": "comparison",
+    "direction": "state_space",
     "load_problem": "problem_file",
     "load_solution": "solution_folder",
+    "namespace": "arrays",
+    "rotation": "state_space",
     "save_solution": "solution_folder",
+    "scalar": "state_space",
     "solve": "planning",
+    "vector": "state_space",
     "verify": "verification",
     "write_report": "views.report",
 }

@@ -41,6 +41,10 @@ class NumPyNamespace:
         """Matrix with these vectors as rows."""
         return self._np.stack(rows)
 
+    def matrix(self, rows: Sequence[Sequence[Any]]) -> Array:
+        """Matrix with these scalars."""
+        return self.rows([self.vector(row) for row in rows])
+
     def block(self, blocks: Sequence[Sequence[Any]]) -> Array:
         return self._np.block([list(row) for row in blocks])
 
@@ -72,6 +76,9 @@ class CasadiNamespace:
 
     def rows(self, rows: Sequence[Any]) -> Array:
         return self._ca.vertcat(*[row.T for row in rows])
+
+    def matrix(self, rows: Sequence[Sequence[Any]]) -> Array:
+        return self.rows([self.vector(row) for row in rows])
 
     def block(self, blocks: Sequence[Sequence[Any]]) -> Array:
         return self._ca.vertcat(*[self._ca.horzcat(*row) for row in blocks])

@@ -7,6 +7,7 @@ from typing import Any
 import casadi as ca
 
 from nhpocp.flow.kernel_cache import cached
+from nhpocp.problem_file.registry import SYSTEMS, every_class
 from nhpocp.solution_folder import environment
 from nhpocp.solvers.optimizers import LINEAR_SOLVERS
 
@@ -18,8 +19,15 @@ def diagnose() -> dict[str, Any]:
         "integrators": [name for name in ("rk", "cvodes") if ca.has_integrator(name)],
         "nlp solvers": [name for name in ("ipopt", "fatrop") if ca.has_nlpsol(name)],
         "linear solvers of ipopt": [name for name in LINEAR_SOLVERS if _solves(name)],
+        "plugins": plugins(),
         "cache": cached(),
     }
+
+
+def plugins() -> list[str]:
+    """Systems of other distributions, and what is wrong with those that are broken."""
+    classes, broken = every_class()
+    return [f"{model} ({cls.__module__})" for model, cls in classes.items() if model not in SYSTEMS] + broken
 
 
 def _solves(linear_solver: str) -> bool:

@@ -111,10 +111,12 @@ def _opposite_signs(problem: PlanningProblem, numeric: NumericSystem, ends: Arra
 
 
 def _unsolved(problem: PlanningProblem, solver: Solver, outcome: Outcome, message: str) -> Solution:
-    """A Solution that stays at the start."""
+    """A Solution without control: it stays at the start, or goes where the drift takes it."""
     zeros = np.zeros((problem.system.input_space.size, problem.basis.size))
     control = problem.control(zeros, problem.horizon.initial or 1.0)
     motion = simulate(problem, control)
+    space = problem.system.state_space
+    end = np.asarray(space.pack({name: motion.trajectory[name][-1] for name in space.names}))
     return Solution(
         problem=problem,
         solver=solver.name,
@@ -122,7 +124,7 @@ def _unsolved(problem: PlanningProblem, solver: Solver, outcome: Outcome, messag
         tolerance=solver.tolerance,
         outcome=outcome,
         message=message,
-        final_error=problem.goal_error(problem.start_point),
+        final_error=problem.goal_error(end),
         control=control,
         trajectory=motion.trajectory,
         costs=motion.costs,

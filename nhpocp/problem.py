@@ -15,12 +15,12 @@ from nhpocp.controls.basis import ControlBasis
 from nhpocp.controls.control import Control
 from nhpocp.controls.fourier import Fourier
 from nhpocp.errors import InvalidProblemError
+from nhpocp.objectives import available
 from nhpocp.state_space import Block, StateSpace
 from nhpocp.systems.system import System
 from nhpocp.task import Task
 
 SAME_TIME = 1e-6  # shares of the horizon that are nearer have no room for a motion between them
-OBJECTIVES = ("effort", "leg_effort", "path_length", "time")
 
 
 @dataclass(frozen=True)
@@ -102,9 +102,10 @@ class PlanningProblem:
     def __post_init__(self) -> None:
         object.__setattr__(self, "start", checked_state(self.system.state_space, self.start))
         object.__setattr__(self, "goal", checked_goal(self.system, self.goal, "goal"))
-        if self.objective not in OBJECTIVES:
+        if self.objective not in (known := [*available(self.system), "time"]):
             raise InvalidProblemError(
-                f"{self.objective!r} is none of {', '.join(OBJECTIVES)}", path="objective"
+                f"{self.objective!r} is none of {', '.join(known)}, the objectives of {self.system.model}",
+                path="objective",
             )
         for name in ("error_length", "length_scale"):
             value = getattr(self, name)

@@ -21,7 +21,7 @@ import pytest
 from nhpocp import so3
 from nhpocp.arrays import namespace
 from nhpocp.problem import PlanningProblem
-from nhpocp.state_space import StateSpace, scalar
+from nhpocp.state_space import StateSpace, rotation, scalar
 from nhpocp.systems.system import Parameter, System
 from nhpocp.systems.three_upu import ThreeUPU
 
@@ -76,6 +76,29 @@ class Integrators(System):
 
     def vector_fields(self, state: Any) -> Any:
         return namespace(state).eye(2)
+
+
+class Turntable(System):
+    """A Veselova joint on a table that turns, seen from the room: drift on R × SO(3), ω = (u1, u2, 0) + speed ẑ."""
+
+    model: ClassVar[str] = "turntable"
+    declared: ClassVar[Mapping[str, Parameter]] = {
+        "speed": Parameter("number", 0.7, "of the table [rad/time]")
+    }
+    state_space = StateSpace([scalar("angle", "angle"), rotation("orientation")])
+    input_space = StateSpace([scalar("u1", "angle"), scalar("u2", "angle")])
+    speed: float
+
+    def vector_fields(self, state: Any) -> Any:
+        xp = namespace(state)
+        c, s = xp.cos(state[0]), xp.sin(state[0])
+        return xp.matrix([[0, 0], [c, -s], [s, c], [0, 0]])
+
+    def drift(self, state: Any) -> Any:
+        return namespace(state).vector([self.speed, 0, 0, self.speed])
+
+    def constraints(self, state: Any, velocity: Any) -> Any:
+        return namespace(velocity).vector([velocity[0] - self.speed, velocity[3] - velocity[0]])
 
 
 @pytest.fixture

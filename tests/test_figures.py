@@ -12,13 +12,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from scipy.integrate import solve_ivp
 
 from nhpocp import so3
+from nhpocp.comparison import Entry
 from nhpocp.constraints import Bound, check_bounds
 from nhpocp.controls.control import Control
 from nhpocp.controls.fourier import Fourier
 from nhpocp.problem import PlanningProblem
+from nhpocp.problem_file import load_problem
 from nhpocp.solution import Crossing, Outcome, Solution, Verdict
 from nhpocp.state_space import StateSpace, rotation, scalar, vector
 from nhpocp.systems.numeric import NumericSystem
@@ -26,6 +29,7 @@ from nhpocp.systems.system import System
 from nhpocp.systems.three_upu import ThreeUPU
 from nhpocp.views import drawing, plots
 from nhpocp.views.figures import FIGURES, write_pictures
+from nhpocp.views.overlays import overlays
 from nhpocp.views.style import DOTS_PER_INCH, PANEL, symbol
 
 FINAL = [  # physics, section 2: the preset `default` after (17) with gamma = 0.1
@@ -236,7 +240,11 @@ def test_every_picture_of_every_kind_of_solution(case: Any, tmp_path: Path) -> N
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         files = write_pictures(solution, tmp_path / "pictures")
-    names = [name for name in FIGURES if name != "failure" or solution.outcome is not Outcome.CONVERGED]
+    nothing_to_say = {
+        "failure": solution.outcome is Outcome.CONVERGED,
+        "margins": not any(name.startswith("sigma_") for name in solution.trajectory),
+    }
+    names = [name for name in FIGURES if not nothing_to_say.get(name)]
     assert [file.name for file in files] == [f"{name}.{kind}" for name in names for kind in ("svg", "png")]
     assert sorted(file.name for file in tmp_path.iterdir()) == ["pictures"]
     for file in files:
@@ -517,8 +525,6 @@ def test_what_was_never_tried_shows_its_two_ends() -> None:
 
 
 def test_two_solutions_share_axes() -> None:
-    from matplotlib.figure import Figure
-
     axes = Figure().add_subplot()
     plots.plot_convergence(axes, good(), "jacobian", references=False)
     plots.plot_convergence(axes, single(), "other", references=False, color="black")
@@ -539,3 +545,54 @@ def test_two_solutions_share_axes() -> None:
 )
 def test_symbols(name: str, index: int | None, expected: str) -> None:
     assert symbol(name, index) == expected
+
+
+# --- systems of every kind --------------------------------------------------------------------------------------------
+
+
+def of_library(stem: str) -> Solution:
+    """A solution of the library's problem under its own first control."""
+    problem = load_problem(Path(__file__).parents[1] / "problems" / f"{stem}.yaml")
+    return solved(problem, problem.initial)
+
+
+@pytest.mark.parametrize(
+    "stem", ["unicycle", "veselova_joint", "suslov_joint", "rolling_sphere", "heisenberg"]
+)
+def test_the_path_is_that_of_the_point_which_the_system_names(stem: str) -> None:
+    solution = of_library(stem)
+    path, system = plots.path_of(solution), solution.problem.system
+    points = drawing.path_points(solution, path)
+    first = np.asarray(system.drawing(solution.problem.start_point)["trace"])
+    assert points.shape == (len(path.times), len(first))
+    np.testing.assert_allclose(points[0], first, atol=1e-12)
+    assert np.ptp(points, axis=0).max() > 0.1
+
+
+def test_a_unicycle_is_seen_from_above_at_one_scale() -> None:
+    figure = FIGURES["robot"](of_library("unicycle"))
+    assert [axes.name for axes in figure.axes] == ["rectilinear"] * 3
+    assert {axes.get_aspect() for axes in figure.axes} == {1.0}
+    assert all(len(axes.patches) == 1 for axes in figure.axes)  # its body, filled
+    assert figure.axes[0].get_xlabel() == "$x$ [length]"
+
+
+def test_a_joint_alone_has_no_lengths() -> None:
+    figure = FIGURES["robot"](of_library("veselova_joint"))
+    assert [axes.name for axes in figure.axes] == ["3d"] * 3
+    assert figure.axes[0].get_xlabel() == "$x$"
+
+
+def test_paths_on_the_floor_are_compared_from_above() -> None:
+    """The mechanism in space; its paths alone, flat, in the plane."""
+    solution = of_library("rolling_sphere")
+    entries = [Entry(solution, "first"), Entry(solution, "second")]
+    path = next(found for found in overlays(entries, ["first", "second"]) if found.name == "path")
+    assert [axes.name for axes in path.figure.axes] == ["3d", "rectilinear"]
+
+
+def test_the_goal_of_a_system_without_bodies_is_drawn_too() -> None:
+    goal = drawing.goal_pose(of_library("free_nilpotent_36"))
+    axes = Figure().add_subplot(projection="3d")
+    drawing.plot_robot(axes, goal.drawing, ghost=True)
+    assert len(axes.get_lines()) == 1

@@ -130,7 +130,7 @@ def test_endings(name, capfd):
     [
         ("Restoration_Failed", Outcome.INFEASIBLE),
         ("Search_Direction_Becomes_Too_Small", Outcome.STAGNATED),
-        ("Solved_To_Acceptable_Level", Outcome.STAGNATED),  # is no optimum
+        ("Solved_To_Acceptable_Level", Outcome.CONVERGED),  # to the tolerance that was asked for
         ("Maximum_CpuTime_Exceeded", Outcome.ITERATION_LIMIT),
         ("Invalid_Number_Detected", Outcome.NOT_FINITE),
         ("User_Requested_Stop", Outcome.INTERRUPTED),

@@ -97,10 +97,13 @@ def verdict_lines(verdict: Verdict) -> list[str]:
     def figure(value: float | None) -> str:
         return "-" if value is None else f"{value:.3g}"
 
-    lines = [
-        f"  verified error E = {figure(verdict.error)}, rolling constraint {figure(verdict.rolling)}, "
-        f"leg rates {figure(verdict.leg_rate)} ({verdict.method})"
-    ]
+    legs = (verdict.rolling, verdict.leg_rate)
+    shown = (
+        f", rolling constraint {figure(legs[0])}, leg rates {figure(legs[1])}"
+        if any(value is not None for value in legs)
+        else ""
+    )
+    lines = [f"  verified error E = {figure(verdict.error)}{shown} ({verdict.method})"]
     if verdict.original is not None:
         replay = verdict.original
         lines.append(f"  replay of (3) under u: E = {figure(replay.error)}, reached t = {replay.reached:.4g}")

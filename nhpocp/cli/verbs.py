@@ -203,8 +203,11 @@ def plot(folder: Path, as_json: bool) -> int:
 def systems(as_json: bool) -> int:
     """List the models: states, inputs, parameters, presets."""
     from nhpocp.problem_file import systems as listing
+    from nhpocp.problem_file.registry import every_class
 
     found = listing()
+    for complaint in every_class()[1]:
+        say(complaint)
     if as_json:
         put(found)
         return SOLVED

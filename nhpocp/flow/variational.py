@@ -1,7 +1,7 @@
 r"""The variational equations (11)-(12) and the Gram matrix of the end-point map, [Paper] section 3.
 
-With (w, s) the variation of the state, rotations varying as ∂R = [s] R, a driftless system obeys
-    (ẇ, ṡ) = A(t) (w, s) + B(t) δu,      B = G(x),
+With (w, s) the variation of the state, rotations varying as ∂R = [s] R, a system ẋ = f(x) + G(x) u obeys
+    (ẇ, ṡ) = A(t) (w, s) + B(t) δu,      A = ∂(f + G u)/∂x,   B = G(x),
 and the rows of a rotation get ω × s besides ∂ω: for the robot that is the -[v] s of (11). With δu = P(t) δλ the matrix
 M(t) of (w, s) over λ obeys Ṁ = A M + B P, and M(T) is the integral under eq. (16). The Gram matrix
     D = ∫ Φ(T,t) B Bᵀ Φᵀ(T,t) dt,   [Paper] eq. (14),   solves   Ḋ = A D + D Aᵀ + B Bᵀ,  D(0) = 0.

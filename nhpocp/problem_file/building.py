@@ -15,7 +15,9 @@ from typing import TYPE_CHECKING, Any
 from nhpocp.errors import InvalidProblemError, MissingDependencyError
 from nhpocp.machine import c_compiler
 from nhpocp.problem_file.control import ControlBlock
+from nhpocp.problem_file.plugins import words
 from nhpocp.problem_file.reading import ProblemFile, read, read_text
+from nhpocp.problem_file.registry import SYSTEMS
 from nhpocp.problem_file.schema import FreeHorizon, ProblemData
 from nhpocp.problem_file.settings import JacobianSettings, NlpSettings
 from nhpocp.problem_file.states import plain_state
@@ -102,7 +104,7 @@ def build(file: ProblemFile) -> PlanningProblem:
     data, system = file.data, file.system
     horizon = data.horizon
     try:
-        return PlanningProblem(
+        problem = PlanningProblem(
             system=system,
             start=plain_state(data.start),
             goal=plain_state(data.goal),
@@ -125,8 +127,36 @@ def build(file: ProblemFile) -> PlanningProblem:
             reference=data.reference.model_dump(exclude_none=True),
             source=file.text,
         )
+        if system.model not in SYSTEMS:
+            _try_out(problem)
     except InvalidProblemError as error:
         raise file.located(error) from None
+    return problem
+
+
+def _try_out(problem: PlanningProblem) -> None:
+    """Asks a system from elsewhere for its velocity, in numbers and in symbols, before any solver does."""
+    import numpy as np
+
+    from nhpocp.systems.numeric import numeric_system
+
+    system, point, control = problem.system, problem.start_point, np.ones(problem.system.input_space.size)
+    try:
+        velocity = np.asarray(system.velocity(point, control), dtype=float)
+        rate = np.array(numeric_system(system).rate_function(point, control)).ravel()
+        shape = velocity.shape
+        agree = shape == (system.state_space.dimension,) and np.allclose(
+            rate, np.asarray(system.state_space.lift(point, velocity)), equal_nan=True
+        )
+    except Exception as error:
+        fault = f"the equations of {system.model} fail at the start: {words(error)}"
+        raise InvalidProblemError(fault, path="system.model") from error
+    if not agree:  # float() of a CasADi symbol is NaN and no error
+        fault = (
+            f"the velocity of {system.model} at the start is {velocity} in NumPy's numbers, but CasADi's expressions "
+            f"give the rate {rate}; expected the same, {system.state_space.dimension} numbers of velocity"
+        )
+        raise InvalidProblemError(fault, path="system.model")
 
 
 def _available(key: str, name: str) -> Callable[..., Any]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from nhpocp.problem_file.registry import SYSTEMS, system_model
+from nhpocp.problem_file.registry import every_class, system_model
 from nhpocp.problem_file.schema import ProblemData
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
@@ -15,7 +15,7 @@ def json_schema() -> dict[str, Any]:
     schema = ProblemData.model_json_schema(ref_template="#/$defs/{model}")
     definitions = schema.setdefault("$defs", {})
     choices = []
-    for model in SYSTEMS:
+    for model in every_class()[0]:
         block = system_model(model).model_json_schema(ref_template="#/$defs/{model}")
         definitions.update(block.pop("$defs", {}))
         definitions[f"system_{model}"] = block

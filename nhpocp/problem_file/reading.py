@@ -17,7 +17,7 @@ from nhpocp.problem_file.issues import Issue, Path, Refusal, dotted
 from nhpocp.problem_file.messages import translate
 from nhpocp.problem_file.numbers import describe
 from nhpocp.problem_file.overrides import apply
-from nhpocp.problem_file.registry import OUTPUTS, read_system
+from nhpocp.problem_file.registry import read_system
 from nhpocp.problem_file.schema import Context, FreeHorizon, ProblemData
 from nhpocp.problem_file.states import plain_state
 from nhpocp.systems.system import System
@@ -156,7 +156,7 @@ def _validate(raw: dict[str, Any], place: Place) -> tuple[ProblemData, System]:
     if "system" in raw:
         try:
             system, block = read_system(raw["system"])
-            context = Context(system, OUTPUTS.get(block["model"]))
+            context = Context(system, system.known_outputs())
         except Refusal as refusal:
             issues = [issue.under(("system",)) for issue in refusal.issues]
     try:
@@ -172,7 +172,7 @@ def _validate(raw: dict[str, Any], place: Place) -> tuple[ProblemData, System]:
 
 def _doubts(data: ProblemData, system: System) -> Iterator[Issue]:
     start, goal = plain_state(data.start), plain_state(data.goal)
-    if all(name in start and _close(goal[name], start[name]) for name in goal):
+    if system.driftless and all(name in start and _close(goal[name], start[name]) for name in goal):
         yield Issue(("goal",), "the same as start; the shortest plan is to stand still", at_key=True)
     yield from broken_ends(data, system)
     if data.objective == "time" and not isinstance(data.horizon, FreeHorizon):

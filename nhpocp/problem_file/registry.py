@@ -12,6 +12,7 @@ from typing import Any, Literal, cast
 from pydantic import Field, ValidationError, create_model
 
 from nhpocp.errors import InvalidProblemError
+from nhpocp.problem_file import plugins
 from nhpocp.problem_file.issues import Issue, Refusal, suggestion
 from nhpocp.problem_file.messages import translate
 from nhpocp.problem_file.numbers import Number, Positive, Whole, describe
@@ -21,12 +22,12 @@ from nhpocp.systems.system import Parameter, System
 
 SYSTEMS: dict[str, str] = {
     "three_upu": "nhpocp.systems.three_upu:ThreeUPU",
-}
-
-# Names that `constraints.state` may bound besides the state's own blocks. A model that is not listed is asked when the
-# problem is built, for its outputs are CasADi expressions.
-OUTPUTS: dict[str, tuple[str, ...]] = {
-    "three_upu": ("u", "v", "leg_lengths", "joint_angles", "platform_normal"),
+    "heisenberg": "nhpocp.systems.heisenberg:Heisenberg",
+    "free_nilpotent_36": "nhpocp.systems.free_nilpotent_36:FreeNilpotent36",
+    "unicycle": "nhpocp.systems.unicycle:Unicycle",
+    "veselova_joint": "nhpocp.systems.veselova_joint:VeselovaJoint",
+    "suslov_joint": "nhpocp.systems.suslov_joint:SuslovJoint",
+    "rolling_sphere": "nhpocp.systems.rolling_sphere:RollingSphere",
 }
 
 
@@ -43,9 +44,35 @@ class LegData(Strict):
 
 
 def system_class(model: str) -> type[System]:
-    """The class of a registered model."""
-    module, _, name = SYSTEMS[model].partition(":")
-    return cast("type[System]", getattr(importlib.import_module(module), name))
+    """The class of a model: the registry's, else a plugin's.
+
+    Errors: `InvalidProblemError` at system.model for an unknown one, or a plugin that is broken.
+    """
+    if model in SYSTEMS:
+        module, _, name = SYSTEMS[model].partition(":")
+        return cast("type[System]", getattr(importlib.import_module(module), name))
+    found = plugins.installed()
+    if model not in found:
+        near = suggestion(model, [*SYSTEMS, *found])
+        own = f"a system of your own is found by an entry point of the group {plugins.GROUP}"
+        raise InvalidProblemError(f"unknown model {model!r}; {near}; {own}", path="system.model")
+    return plugins.load(found[model])
+
+
+def every_class() -> tuple[dict[str, type[System]], list[str]]:
+    """The class of every model that works, the registry's first, and what is wrong with the plugins that do not."""
+    classes, broken = {model: system_class(model) for model in SYSTEMS}, []
+    for model, points in plugins.installed().items():
+        if model in SYSTEMS:
+            broken.append(f"{plugins.origin(points[0])} is never used: {model} is a model of nhpocp itself")
+            continue
+        try:
+            cls = plugins.load(points)
+            plugins.made(cls, plugins.origin(points[0]))
+            classes[model] = cls
+        except InvalidProblemError as error:
+            broken.append(error.message)
+    return classes, broken
 
 
 def _field(parameter: Parameter) -> Any:
@@ -93,9 +120,10 @@ def read_system(data: Any) -> tuple[System, dict[str, Any]]:
         raise Refusal([Issue(("model",), f"required key is missing; available: {', '.join(SYSTEMS)}")])
     if not isinstance(model, str):
         raise Refusal([Issue(("model",), f"expected a name, got {describe(model)}")])
-    if model not in SYSTEMS:
-        raise Refusal([Issue(("model",), f"unknown model {model!r}; {suggestion(model, SYSTEMS)}")])
-    block_model = system_model(model)
+    try:
+        block_model = system_model(model)
+    except InvalidProblemError as error:
+        raise Refusal([Issue(("model",), error.message)]) from None
     try:
         block = block_model.model_validate(data).model_dump(exclude_unset=True)
     except ValidationError as error:
@@ -121,6 +149,8 @@ def _build(model: str, block: Mapping[str, Any]) -> System:
             )
         parameters = {name: value for name, value in parameters.items() if name in ("legs", "form")}
     try:
+        if model not in SYSTEMS:
+            return plugins.made(cls, f"the plugin {cls.__module__}:{cls.__qualname__}", **parameters)
         return cls(**parameters)
     except InvalidProblemError as error:
         path = (error.path or "").removeprefix("system").removeprefix(".")
@@ -137,10 +167,12 @@ def describe_space(blocks: Sequence[Block]) -> list[dict[str, Any]]:
 
 
 def systems() -> dict[str, dict[str, Any]]:
-    """Every model: parameters with defaults and meanings, presets, names of states and inputs. Plain JSON data."""
+    """Every model: parameters with defaults and meanings, presets, names of states and inputs. Plain JSON data.
+
+    Plugins that are broken are left out; `every_class` says what is wrong with them.
+    """
     found = {}
-    for model in SYSTEMS:
-        cls = system_class(model)
+    for model, cls in every_class()[0].items():
         instance = cls()
         found[model] = {
             "parameters": {

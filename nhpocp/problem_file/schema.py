@@ -54,6 +54,12 @@ class Context:
     def input_space(self) -> StateSpace:
         return self.system.input_space
 
+    @property
+    def no_legs(self) -> str | None:
+        """Words for what needs legs, where the system is known to have none."""
+        legless = self.outputs is not None and "leg_lengths" not in self.outputs
+        return f"the system {self.system.model} has no legs, so no leg speeds" if legless else None
+
 
 def _version(value: Any) -> int:
     number = parse_number(value)
@@ -211,6 +217,23 @@ class ProblemData(Strict):
     def _goal_fits(cls, value: State, info: ValidationInfo) -> State:
         if info.context and (issues := check_goal(info.context.system, value)):
             raise Refusal(issues)
+        return value
+
+    @field_validator("objective")
+    @classmethod
+    def _objective_fits(cls, value: str, info: ValidationInfo) -> str:
+        if value == "leg_effort" and info.context and (words := info.context.no_legs):
+            raise ValueError(f"{words}; expected one of effort, path_length, time")
+        return value
+
+    @field_validator("solvers")
+    @classmethod
+    def _solvers_fit(cls, value: Solvers, info: ValidationInfo) -> Solvers:
+        words = info.context.no_legs if info.context else None
+        if words and value.jacobian.objective == "leg_effort":
+            raise Refusal(
+                [Issue(("jacobian", "objective"), f"{words}; expected one of none, effort, path_length")]
+            )
         return value
 
     @field_validator("via")

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from math import degrees
 
-from nhpocp.errors import InvalidProblemError
-from nhpocp.problem_file.issues import suggestion
-from nhpocp.problem_file.registry import OUTPUTS, SYSTEMS, system_class
+from nhpocp.problem_file.registry import system_class
 from nhpocp.state_space import Block, StateSpace
 from nhpocp.systems.system import Parameter, System
 
@@ -23,17 +21,13 @@ _TASKS: dict[str, tuple[str, str, tuple[str, ...]]] = {
 def starter(model: str = "three_upu") -> str:
     """A problem file for ``model`` with every common key, commented.
 
-    Errors: `InvalidProblemError` for an unknown model.
+    Errors: `InvalidProblemError` for an unknown model or a broken plugin.
     """
-    if model not in SYSTEMS:
-        raise InvalidProblemError(
-            f"unknown model {model!r}; {suggestion(model, SYSTEMS)}", path="system.model"
-        )
     cls = system_class(model)
     system = cls()
     space = system.state_space
     start, goal, rows = _TASKS.get(model, (_state(space, 0), _state(space, 1), ()))
-    constraints = _CONSTRAINTS if "leg_lengths" in OUTPUTS.get(model, ()) else _CONSTRAINTS[:2]
+    constraints = _CONSTRAINTS if "leg_lengths" in (cls.known_outputs() or ()) else _CONSTRAINTS[:2]
     return "\n".join([*_head(cls, model), *_task(start, goal, system, rows), *constraints, *_SOLVERS, ""])
 
 

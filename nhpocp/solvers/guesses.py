@@ -183,14 +183,15 @@ class StraightGuess:
             span = shares[leg + 1] - shares[leg]
             tangent = np.asarray(_geodesic(space, points[leg + 1], points[leg]))
             state = np.asarray(space.retract(points[leg], (share - shares[leg]) / span * tangent))
-            fields = np.asarray(system.vector_fields(state))
-            if not np.isfinite(fields).all():
+            fields, drift = np.asarray(system.vector_fields(state)), np.asarray(system.drift(state))
+            if not (np.isfinite(fields).all() and np.isfinite(drift).all()):
                 raise NoGuessError(
                     f"the equations are undefined at {share:.3g} of the straight line to the goal",
                     Outcome.NOT_FINITE,
                     "solvers.nlp.initial",
                 )
-            controls.append(np.linalg.lstsq(fields, tangent / (span * horizon), rcond=None)[0])
+            wanted = tangent / (span * horizon) - drift
+            controls.append(np.linalg.lstsq(fields, wanted, rcond=None)[0])
         return Control(PiecewiseConstant(self.pieces), np.array(controls).T, horizon)
 
 

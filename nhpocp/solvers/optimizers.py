@@ -24,7 +24,7 @@ ENDINGS = {
     "Maximum_Iterations_Exceeded": Outcome.ITERATION_LIMIT,
     "Maximum_CpuTime_Exceeded": Outcome.ITERATION_LIMIT,
     "Search_Direction_Becomes_Too_Small": Outcome.STAGNATED,
-    "Solved_To_Acceptable_Level": Outcome.STAGNATED,
+    "Solved_To_Acceptable_Level": Outcome.CONVERGED,  # the level is the tolerance asked for, see `Ipopt`
     "Not_Enough_Degrees_Of_Freedom": Outcome.INFEASIBLE,
     "Feasible_Point_Found": Outcome.CONVERGED,  # as many equations as unknowns: nothing is left to optimise
     "Diverging_Iterates": Outcome.DIVERGED,
@@ -127,7 +127,12 @@ class Ipopt:
             options: dict[str, Any] = {
                 "tol": min(self.tolerance, 1e-8),
                 "constr_viol_tol": min(self.tolerance, 1e-9),
-                "acceptable_iter": 0,  # an acceptable point is no solution
+                # aims at 1e-8; gets stuck above it in a valley of equal optima, as systems with symmetries have them
+                "acceptable_iter": 0,
+                "acceptable_tol": self.tolerance,
+                "acceptable_dual_inf_tol": self.tolerance,
+                "acceptable_compl_inf_tol": self.tolerance,
+                "acceptable_constr_viol_tol": min(self.tolerance, 1e-9),
                 # 5 by default: 16 iterations on the paper's task with `default`, 14 with 2; elsewhere as many or fewer
                 "filter_reset_trigger": 2,
                 "max_iter": self.max_iterations,

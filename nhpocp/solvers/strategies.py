@@ -38,8 +38,8 @@ class Auto:
     1. From the problem's own start (a seeded one if that has no full rank). 2. From ``restarts`` seeded starts.
     3. Manoeuvres: the geodesic from start to goal in pieces, each planned from small seeded controls, joined into one
     control of basis `sequence`. (7) is driftless and, where S is regular and the growth vector is (3, 6), locally
-    controllable, so every path clear of the singularities can be followed so. 4. The goal walked along the geodesic
-    from the pose that the best of the starts reaches.
+    controllable, so every path clear of the singularities can be followed so; systems with drift go without. 4. The
+    goal walked along the geodesic from the pose that the best of the starts reaches.
     Only the winner enters the search for least cost (`Continuation.objective`).
     """
 
@@ -128,7 +128,8 @@ class _Search:
             found = self._try(tried, start)
             starts.append(found)
             yield own if start == 0 else f"seeded start {start}", self._finished(found, self.base)
-        joined = self._manoeuvres()
+        # a drift moves the pose between manoeuvres, and forbids them another time than the one they were planned for
+        joined = self._manoeuvres() if problem.system.driftless else None
         if joined is not None:
             yield f"{len(joined.control.basis.bases)} manoeuvres in sequence", joined  # type: ignore[attr-defined]
         walked = self._walk(min(starts, key=lambda found: found.rank))

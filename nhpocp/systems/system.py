@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from math import isfinite
 from typing import Any, ClassVar, Literal, Protocol, Self
 
-from nhpocp.arrays import Array, symbolic
+from nhpocp.arrays import Array, namespace, symbolic
+from nhpocp.errors import InvalidProblemError
 from nhpocp.state_space import Block, StateSpace
 
 
@@ -19,18 +21,46 @@ class Parameter:
     meaning: str
     choices: tuple[str, ...] = ()
 
+    def checked(self, name: str, value: Any) -> Any:
+        """A value for this parameter as plain data. Errors: `InvalidProblemError` naming what came."""
+        if self.kind == "choice":
+            if value not in self.choices:
+                raise InvalidProblemError(
+                    f"{value!r} is none of {', '.join(self.choices)}", path=f"system.{name}"
+                )
+            return value
+        if self.kind == "numbers":
+            return tuple(_number(name, entry) for entry in value)
+        number = _number(name, value)
+        if self.kind == "positive" and not number > 0:
+            raise InvalidProblemError(f"{number:g}; expected a number > 0", path=f"system.{name}")
+        if self.kind != "integer":
+            return number
+        if number != int(number):
+            raise InvalidProblemError(f"{number:g}; expected a whole number", path=f"system.{name}")
+        return int(number)
+
+
+def _number(name: str, value: Any) -> float:
+    if isinstance(value, bool | str) or not isfinite(number := float(value)):
+        raise InvalidProblemError(f"{value!r}; expected a finite number", path=f"system.{name}")
+    return number
+
 
 class System(Protocol):
-    r"""A driftless control system  ẋ = G(x) u  on a `StateSpace`.
+    r"""A control system  ẋ = f(x) + G(x) u  on a `StateSpace`, driftless where f = 0.
 
     x is a packed point, u a packed input; G(x) has one row per tangent number (rotations: angular velocity in base
     coordinates) and one column per input number. Everything works for numbers (NumPy) and for CasADi symbols.
-    Subclass it, declare the class variables, and write `vector_fields`.
+    Subclass it, declare the class variables, and write `vector_fields`; where there is a drift f, `drift`.
     """
 
     model: ClassVar[str]
-    declared: ClassVar[Mapping[str, Parameter]]
+    declared: ClassVar[Mapping[str, Parameter]] = {}
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
+    output_names: ClassVar[tuple[str, ...] | None] = (
+        None  # all that `outputs` may give; None: it is asked, once a problem is built
+    )
     pose_outputs: ClassVar[
         tuple[Block, ...]
     ] = ()  # those of `outputs` that depend on x alone: they may be goals
@@ -43,20 +73,49 @@ class System(Protocol):
         """The system with a named set of parameters; further parameters override it."""
         return cls(**{**cls.presets[name], **parameters})
 
+    def __init__(self, **parameters: Any) -> None:
+        """Every declared parameter becomes an attribute, checked; what is left out has its default."""
+        unknown = [name for name in parameters if name not in self.declared]
+        if unknown:
+            known = ", ".join(self.declared) or "none"
+            raise InvalidProblemError(
+                f"unknown parameter; {self.model} has {known}", path=f"system.{unknown[0]}"
+            )
+        for name, parameter in self.declared.items():
+            setattr(self, name, parameter.checked(name, parameters.get(name, parameter.default)))
+
     def __hash__(self) -> int:
         return id(self)  # what is made for a system is kept beside it
 
     def parameters(self) -> dict[str, Any]:
         """Every parameter as plain JSON data; ``type(self)(**self.parameters())`` is the same system."""
-        ...
+        values = {name: getattr(self, name) for name in self.declared}
+        return {name: list(value) if isinstance(value, tuple) else value for name, value in values.items()}
 
     def vector_fields(self, state: Array) -> Array:
         """G(x), dimension × inputs."""
         ...
 
+    def drift(self, state: Array) -> Array:
+        """f(x), the velocity without control (dimension,); zero unless overridden."""
+        return namespace(state).array([0.0] * self.state_space.dimension)
+
+    @property
+    def driftless(self) -> bool:
+        """Whether f = 0: then zero control stays put, and a motion may be run slower, faster and backwards."""
+        return type(self).drift is System.drift
+
     def velocity(self, state: Array, control: Array) -> Array:
-        """The tangent vector G(x) u (dimension,)."""
-        return self.vector_fields(state) @ control
+        """The tangent vector f(x) + G(x) u (dimension,)."""
+        driven = self.vector_fields(state) @ control
+        return driven if self.driftless else self.drift(state) + driven
+
+    def constraints(self, state: Array, velocity: Array) -> Array:
+        """The kinematic constraints' residuals at a tangent vector, zero on every motion; written from geometry, not G.
+
+        As many as the dimension exceeds the inputs; none unless overridden, and no solver uses them.
+        """
+        return namespace(state, velocity).array([])
 
     def rate(self, state: Array, control: Array) -> Array:
         """ẋ of the packed point (size,)."""
@@ -73,6 +132,11 @@ class System(Protocol):
     def outputs(self, state: Array, control: Array) -> dict[str, Array]:
         """Named quantities worth plotting or bounding, besides states and inputs."""
         return {}
+
+    @classmethod
+    def known_outputs(cls) -> tuple[str, ...] | None:
+        """The names of `outputs`, as far as they are known without making expressions."""
+        return () if cls.outputs is System.outputs else cls.output_names
 
     def output(self, name: str, state: Array, control: Array) -> Array:
         """One of `outputs`; override it where there is a shorter way than making them all."""
@@ -103,5 +167,9 @@ class System(Protocol):
         return list(self.input_space.names)
 
     def drawing(self, state: Array) -> dict[str, Any]:
-        """Plain arrays for pictures: ``{"lines": {name: (n, 3)}, "points": {name: (n, 3)}}``."""
+        """Plain arrays for pictures: ``{"lines": {name: (n, 3)}, "points": {name: (n, 3)}}``, in the state's units.
+
+        A mechanism in the plane gives (n, 2) throughout and is seen from above. Closed lines are bodies, "leg 1" is
+        the first of the kind "leg". ``"trace"``, (3,) or (2,), is the point whose path is drawn, if there is one.
+        """
         return {"lines": {}, "points": {}}

@@ -173,6 +173,7 @@ class ThreeUPU(System):
     }
 
     state_space = StateSpace([vector("position", 3, "length"), rotation("orientation")])
+    output_names: ClassVar[tuple[str, ...]] = ("u", "v", "leg_lengths", "joint_angles", "platform_normal")
     # platform_normal: the direction of the platform's z axis, base coordinates
     pose_outputs: ClassVar[tuple[Block, ...]] = (
         vector("leg_lengths", 3, "length"),

@@ -1,4 +1,4 @@
-"""Mechanisms in space, from the plain arrays of `System.drawing`; closed lines are filled, the rest is drawn.
+"""Mechanisms in space or in the plane, from the plain arrays of `System.drawing`; closed lines are filled.
 
 Lines are named "kind" or "kind number" (leg 1, r 1): the number gives the colour, the kind the weight.
 """
@@ -15,11 +15,12 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from nhpocp.arrays import Array
 from nhpocp.solution import Solution
+from nhpocp.systems.system import System
 from nhpocp.views.finite_path import Path, path_of, quantity
-from nhpocp.views.style import COLOURS, GREY, line_style, symbol
+from nhpocp.views.style import COLOURS, GREY, line_style, symbol, with_unit
 
 ELEVATION, AZIMUTH = 20.0, -62.0  # degrees
-SPACE = ("$x$ [length]", "$y$ [length]", "$z$ [length]")
+SPACE = ("$x$", "$y$", "$z$")
 _FILLS = ("0.72", "#F0C05A", "#9CCBE8", "#B7DDB0")
 _THIN = ("#AA4499", "#117733", "#7A5C00", "#882255")  # the path is black
 _MARKERS = ("o", "s", "^", "D")
@@ -40,15 +41,16 @@ def poses_of(solution: Solution) -> list[Pose]:
         return [Pose("start $t$ = 0", system.drawing(solution.problem.start_point))]
     middle = int(np.argmin(np.abs(path.times - 0.5 * (path.times[0] + path.times[-1]))))
     chosen = {0: "start", middle: "middle", path.samples - 1: "end"}
-    poses = []
-    for k, words in chosen.items():
-        values = {
-            name: np.asarray(solution.trajectory[name], dtype=float)[k] for name in system.state_space.names
-        }
-        poses.append(
-            Pose(f"{words}, $t$ = {path.times[k]:.3g}", system.drawing(system.state_space.pack(values)))
-        )
-    return poses
+    states = _states(solution, path)
+    return [
+        Pose(f"{words}, $t$ = {path.times[k]:.3g}", system.drawing(states[k])) for k, words in chosen.items()
+    ]
+
+
+def _states(solution: Solution, path: Path) -> Array:
+    """The packed points of a path, (samples, size)."""
+    names = solution.problem.system.state_space.names
+    return np.hstack([quantity(solution, name, path) for name in names])
 
 
 def goal_pose(solution: Solution) -> Pose | None:
@@ -60,12 +62,33 @@ def goal_pose(solution: Solution) -> Pose | None:
 
 
 def path_points(solution: Solution, path: Path) -> Array:
-    """Where the moving body goes, (samples, 3): the first vector of two or three lengths in the state."""
-    for block in solution.problem.system.state_space.blocks:
+    """Where the moving body goes, (samples, 3 or 2): the drawing's trace, else the state's first vector of lengths."""
+    system = solution.problem.system
+    first = system.drawing(solution.problem.start_point)
+    numbers = dimension(first)
+    if not path.samples:
+        return np.empty((0, numbers))
+    if "trace" in first:
+        states = _states(solution, path)
+        return np.array([system.drawing(state)["trace"] for state in states], dtype=float)
+    for block in system.state_space.blocks:
         if block.kind == "vector" and block.unit == "length" and block.components in (2, 3):
             values = quantity(solution, block.name, path)
-            return np.pad(values, ((0, 0), (0, 3 - values.shape[1]))) if values.size else np.empty((0, 3))
-    return np.empty((0, 3))
+            return np.pad(values, ((0, 0), (0, max(0, numbers - values.shape[1]))))
+    return np.empty((0, numbers))
+
+
+def dimension(drawn: Mapping[str, Any]) -> int:
+    """2 for a mechanism in the plane, 3 for one in space."""
+    trace = [drawn["trace"]] if "trace" in drawn else []
+    items = [*drawn["lines"].values(), *drawn["points"].values(), *trace]
+    return int(np.shape(items[0])[-1]) if items else 3
+
+
+def axis_names(system: System, numbers: int) -> list[str]:
+    """x, y, z, with the unit of a state that has lengths."""
+    lengths = any(block.unit == "length" for block in system.state_space.blocks)
+    return [with_unit(name, "length" if lengths else "") for name in SPACE[:numbers]]
 
 
 def extent(*drawings: Mapping[str, Any], points: Array) -> tuple[Array, Array]:
@@ -74,13 +97,37 @@ def extent(*drawings: Mapping[str, Any], points: Array) -> tuple[Array, Array]:
     parts += [np.asarray(dots, dtype=float) for drawing in drawings for dots in drawing["points"].values()]
     every = np.concatenate([*parts, points])
     every = every[np.isfinite(every).all(axis=1)]
-    low, high = (every.min(axis=0), every.max(axis=0)) if len(every) else (np.zeros(3), np.ones(3))
+    numbers = points.shape[1]
+    low, high = (
+        (every.min(axis=0), every.max(axis=0)) if len(every) else (np.zeros(numbers), np.ones(numbers))
+    )
     least = 0.05 * max(float((high - low).max()), 1e-9)
     grow = 0.5 * np.maximum(least - (high - low), 0) + 0.03 * (high - low).max()
     return low - grow, high + grow
 
 
-def set_view(axes: Any, low: Array, high: Array, names: Sequence[str] = SPACE, zoom: float = 1.0) -> None:
+def add_view(
+    figure: Any,
+    box: tuple[float, float, float, float],
+    low: Array,
+    high: Array,
+    names: Sequence[str],
+    zoom: float = 1.0,
+) -> Any:
+    """Axes in a box of the figure at one scale: in space, or for corners of two numbers the plane from above."""
+    if len(low) == 3:
+        axes = figure.add_axes(box, projection="3d", computed_zorder=False)
+        set_view(axes, low, high, names, zoom)
+        return axes
+    left, bottom, width, height = box
+    axes = figure.add_axes((left + 0.17 * width, bottom + 0.14 * height, 0.8 * width, 0.84 * height))
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel=names[0], ylabel=names[1], aspect="equal")
+    for axis, size in zip((axes.xaxis, axes.yaxis), high - low, strict=True):
+        axis.set_major_locator(_few_ticks(3 if size > 0.6 * (high - low).max() else 1))
+    return axes
+
+
+def set_view(axes: Any, low: Array, high: Array, names: Sequence[str], zoom: float = 1.0) -> None:
     """The same scale on the three axes, few ticks, quiet walls."""
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
     axes.set_box_aspect(high - low, zoom=zoom)
@@ -103,7 +150,9 @@ def _few_ticks(count: int) -> Any:
 
 
 def _depth(points: Array) -> float:
-    """How near to the eye the middle of some points is: what is nearer is painted later."""
+    """How near to the eye the middle of some points is: what is nearer is painted later; all the same in the plane."""
+    if points.shape[1] == 2:
+        return 0.0
     elevation, azimuth = np.radians([ELEVATION, AZIMUTH])
     eye = [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
     return float(np.mean(points, axis=0) @ eye)
@@ -131,21 +180,24 @@ def _split(name: str) -> tuple[str, int | None]:
 
 
 def plot_robot(axes: Any, drawing: Mapping[str, Any], *, ghost: bool = False) -> None:
-    """One drawing on 3-D axes: filled bodies, coloured legs, thin axes; a ghost is its closed lines, dashed."""
+    """One drawing on its axes: filled bodies, coloured legs, thin axes; a ghost is its bodies' outlines, dashed."""
     lines = {name: np.asarray(line, dtype=float) for name, line in drawing["lines"].items()}
     lines = {name: line for name, line in lines.items() if np.isfinite(line).all()}
     closed = {name: line for name, line in lines.items() if _is_closed(line)}
     if ghost:
-        for line in closed.values():
+        for line in (closed or lines).values():
             axes.plot(*line.T, color="0.45", linewidth=0.7, linestyle=(0, (4, 2)), zorder=2)
         return
     points = {name: np.asarray(dots, dtype=float) for name, dots in drawing["points"].items()}
     order = {name: _depth(item) for name, item in {**lines, **points}.items()}
     rank = {name: 10 + i for i, name in enumerate(sorted(order, key=lambda name: order[name]))}
+    flat = dimension(drawing) == 2
     for i, (name, line) in enumerate(closed.items()):
-        fill = Poly3DCollection(
-            [line], facecolor=_FILLS[i % len(_FILLS)], edgecolor="0.2", linewidth=0.9, alpha=0.75
-        )
+        look = {"facecolor": _FILLS[i % len(_FILLS)], "edgecolor": "0.2", "linewidth": 0.9, "alpha": 0.75}
+        if flat:
+            axes.fill(*line.T, zorder=rank[name], **look)
+            continue
+        fill = Poly3DCollection([line], **look)
         fill.set_zorder(rank[name])
         axes.add_collection3d(fill)
     kinds = list(_kinds(lines))
@@ -163,8 +215,8 @@ def plot_robot(axes: Any, drawing: Mapping[str, Any], *, ghost: bool = False) ->
             color="white",
             edgecolor="0.15",
             linewidth=0.7,
-            depthshade=False,
             zorder=rank[name] + 100,
+            **({} if flat else {"depthshade": False}),
         )
 
 
@@ -210,8 +262,7 @@ def plot_curves(
     """Curves of one, two or three numbers against each other, at equal scale; one number against the sample."""
     columns = curves[0].shape[1]
     if columns == 3:
-        axes = figure.add_axes((0.02, 0.06, 0.88, 0.84), projection="3d", computed_zorder=False)
-        set_view(axes, *extent(points=np.concatenate(curves)), names=names)
+        axes = add_view(figure, (0.02, 0.06, 0.88, 0.84), *extent(points=np.concatenate(curves)), names)
     else:
         axes = figure.add_axes((0.18, 0.14, 0.76, 0.76))
         axes.set(xlabel=names[0], ylabel=names[1] if columns == 2 else "")

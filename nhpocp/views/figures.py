@@ -110,16 +110,15 @@ def robot(solution: Solution) -> Figure:
     points, goal = drawing.path_points(solution, path), drawing.goal_pose(solution)
     shown = [pose.drawing for pose in poses] + ([goal.drawing] if goal else [])
     low, high = drawing.extent(*shown, points=points)
-    count = len(poses)
+    names, count = drawing.axis_names(solution.problem.system, len(low)), len(poses)
     figure = Figure(figsize=(max(count, 1.5) * 2.35, 2.75))
     for i, pose in enumerate(poses):
         box = (i / count, 0.12, 0.96 / count, 0.82)  # room for the name of the z axis
-        axes = figure.add_axes(box, projection="3d", computed_zorder=False)
+        axes = drawing.add_view(figure, box, low, high, names, zoom=0.84)
         if goal:
             drawing.plot_robot(axes, goal.drawing, ghost=True)
         drawing.plot_robot(axes, pose.drawing)
         drawing.plot_path(axes, points)
-        drawing.set_view(axes, low, high, zoom=0.84)
         figure.text((i + 0.5) / count, 0.955, pose.words, ha="center", va="center")
     entries = drawing.legend_entries(poses[0].drawing)
     entries += [("path", {"color": COLOURS[6], "linewidth": 1.1})] if len(points) else []
@@ -167,8 +166,11 @@ FIGURES: dict[str, Callable[[Solution], Figure]] = {
 
 
 def names_of(solution: Solution) -> list[str]:
-    """The pictures that say something of a solution: one that converged has no failure to show."""
-    return [name for name in FIGURES if name != "failure" or solution.outcome is not Outcome.CONVERGED]
+    """The pictures that say something of a solution: what converged has no failure, what nothing watches no margins."""
+    silent = {"failure"} if solution.outcome is Outcome.CONVERGED else set()
+    if not any(name.startswith("sigma_") for name in solution.trajectory):
+        silent.add("margins")
+    return [name for name in FIGURES if name not in silent]
 
 
 def save(figure: Figure, file: Path) -> Path:

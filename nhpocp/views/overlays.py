@@ -20,6 +20,7 @@ from nhpocp.views.finite_path import path_of, quantity
 from nhpocp.views.style import ALARM, GREY, line_style, sheet, symbol, with_unit
 
 WIDTH, PANEL_HEIGHT = 7.2, 1.75  # inches: a page's text
+FLAT = 1e-9  # height over width, from which a path in space is shown from above
 Curve = Callable[[Solution], tuple[Array, Array]]  # times and one value each
 
 
@@ -229,29 +230,31 @@ def _path(drawn: Drawn) -> Overlay | None:
         return _plain_path(drawn)
     pose, goal = drawing.poses_of(first)[0], drawing.goal_pose(first)
     every = np.concatenate(paths)
+    names = drawing.axis_names(first.problem.system, every.shape[1])
     figure = Figure(figsize=(WIDTH, 3.6))
     views = [(pose, "start, goal (dashed) and paths")] if pose.drawing["lines"] else []
+    count = len(views) + 1
     for i, (shown, words) in enumerate([*views, (None, "the paths alone")]):
-        count = len(views) + 1
-        axes: Any = figure.add_axes(
-            ((i + 0.03) / count, 0.05, 0.9 / count, 0.8), projection="3d", computed_zorder=False
-        )
+        if not shown and every.shape[1] == 3 and np.ptp(every[:, 2]) < FLAT * np.ptp(every[:, :2]):
+            paths, every, names = [points[:, :2] for points in paths], every[:, :2], names[:2]  # from above
+        boxes = [shown.drawing, *([goal.drawing] if goal else [])] if shown else []
+        corners = drawing.extent(*boxes, points=every)
+        place = ((i + 0.03) / count, 0.05, 0.9 / count, 0.8)
+        axes = drawing.add_view(figure, place, *corners, names, zoom=1.0 if shown else 0.85)
         if shown:
             if goal:
                 drawing.plot_robot(axes, goal.drawing, ghost=True)
             _mechanism(axes, shown.drawing)
         for points, (_, _, number) in zip(paths, drawn, strict=True):
             drawing.plot_path(axes, points, **_style(number))
-        boxes = [shown.drawing, *([goal.drawing] if goal else [])] if shown else []
-        drawing.set_view(axes, *drawing.extent(*boxes, points=every), zoom=1.0 if shown else 0.85)
-        if not shown:
+        if not shown and len(names) == 3:
             axes.zaxis.labelpad = 0  # the narrow box leaves its numbers no room
             axes.tick_params(axis="z", pad=3)
         figure.text((i + 0.5) / count, 0.9, words, ha="center", va="center")
     handles = [Line2D([], [], label=name, **_style(number)) for _, name, number in drawn]
     figure.legend(handles=handles, loc="upper left", ncols=min(len(handles), 4))
     caption = Markup(
-        "The path of the moving body, from the open to the full dot, at the same scale on the three axes."
+        "The path of the moving body, from the open to the full dot, at the same scale on all axes."
     )
     return Overlay("path", "Path in space", caption, figure)
 
@@ -271,7 +274,7 @@ def _plain_path(drawn: Drawn) -> Overlay | None:
     figure = Figure(figsize=(WIDTH, 3.4))
     axes: Any = figure.add_axes((0.1, 0.13, 0.86, 0.74), projection="3d" if len(names) == 3 else None)
     if len(names) == 3:
-        drawing.set_view(axes, *drawing.extent(points=np.concatenate(curves)), names=names, zoom=0.85)
+        drawing.set_view(axes, *drawing.extent(points=np.concatenate(curves)), names, zoom=0.85)
     else:
         axes.set(xlabel=names[0], ylabel=names[1])
         axes.set_aspect("equal", adjustable="datalim")

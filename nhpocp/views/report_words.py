@@ -208,7 +208,7 @@ def facts(problem: PlanningProblem) -> list[tuple[str, Markup]]:
         ("Objective", Markup("{}, {}").format(problem.objective.replace("_", " "), cost_symbol(problem))),
         ("Constraints on the path", _bounds(problem)),
         ("Error E", _error(problem)),
-        ("Length scale of the margins", given(problem.scale)),
+        ("Length scale", given(problem.scale)),
     ]
     if problem.reference:
         found.append(("Reference values", _reference(problem)))
@@ -358,10 +358,10 @@ def limits(group: Group) -> list[Markup]:
             "Every time is from one run on the machine below, all runs one after another in one process; a later run "
             "may profit from what an earlier one has loaded. Peak memory is that of the whole process."
         ),
-        Markup(
-            "Extremes along the path (margins, legs) are those of the stored samples; verification uses a finer grid."
-        ),
     ]
+    if any(name.startswith(("sigma_", "leg_")) for entry in entries for name in entry.solution.trajectory):
+        words = "Extremes along the path (margins, legs) are of the stored samples; verification uses a finer grid."
+        found.append(Markup(words))
     if any(entry.solution.outcome is not Outcome.CONVERGED for entry in entries):
         found.append(Markup("Runs that are not verified have no part in the optimality gap."))
     return found

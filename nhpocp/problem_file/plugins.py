@@ -1,0 +1,83 @@
+"""Systems of other distributions, by their entry points in the group `nhpocp.systems`: name = "module:Class".
+
+Asked only for a model that the registry does not have, and for lists of models: looking through every installed
+distribution takes longer than checking a file. Loading one runs the code of a distribution that the user installed;
+nothing that a problem file says is ever evaluated.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from nhpocp.errors import InvalidProblemError
+from nhpocp.state_space import StateSpace
+from nhpocp.systems.system import System
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
+
+GROUP = "nhpocp.systems"
+
+
+def installed() -> dict[str, list[EntryPoint]]:
+    """Every entry point of the group by its name, as many as claim it."""
+    from importlib.metadata import entry_points  # a tenth of the time of `check`, which seldom needs it
+
+    found: dict[str, list[EntryPoint]] = {}
+    for point in sorted(entry_points(group=GROUP), key=lambda point: (point.name, point.value)):
+        if point not in found.setdefault(point.name, []):  # a distribution may stand on the path twice
+            found[point.name].append(point)
+    return found
+
+
+def load(points: list[EntryPoint]) -> type[System]:
+    """The class of a model.
+
+    Errors: `InvalidProblemError` at system.model where it cannot be imported, is no System, or is claimed twice.
+    """
+    point = points[0]
+    if len(points) > 1:
+        origins = " and ".join(origin(one) for one in points)
+        raise _broken(f"{point.name!r} is the name of {origins}; uninstall one")
+    try:
+        found = point.load()
+    except Exception as error:
+        raise _broken(f"{origin(point)} cannot be loaded: {words(error)}") from error
+    if not (isinstance(found, type) and System in found.__mro__):
+        raise _broken(f"{origin(point)} is no subclass of nhpocp.System")
+    model = getattr(found, "model", None)
+    if model != point.name:
+        raise _broken(
+            f"{origin(point)} calls its model {model!r}; expected {point.name!r}, its entry point's name"
+        )
+    return found
+
+
+def made(cls: type[System], origin: str, **parameters: Any) -> System:
+    """An instance of a class from elsewhere. Errors: `InvalidProblemError`, whatever its code raises."""
+    try:
+        system = cls(**parameters)
+        spaces = [getattr(system, name, None) for name in ("state_space", "input_space")]
+    except InvalidProblemError:
+        raise
+    except Exception as error:
+        raise _broken(f"{origin} fails: {words(error)}") from error
+    if not all(isinstance(space, StateSpace) for space in spaces):
+        raise _broken(f"{origin} has no state_space or no input_space; expected a nhpocp.StateSpace each")
+    return system
+
+
+def origin(point: EntryPoint) -> str:
+    """Where a system comes from."""
+    package = f" of {point.dist.name} {point.dist.version}" if point.dist else ""
+    return f"the plugin {point.value}{package}"
+
+
+def words(error: Exception) -> str:
+    """An exception of foreign code in one line."""
+    lines = str(error).strip().splitlines()
+    return f"{type(error).__name__}: {lines[0]}" if lines else type(error).__name__
+
+
+def _broken(message: str) -> InvalidProblemError:
+    return InvalidProblemError(message, path="system.model")

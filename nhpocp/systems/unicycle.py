@@ -1,0 +1,48 @@
+"""The unicycle: one wheel on the plane, or two on an axle, that cannot slip sideways."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+from nhpocp.arrays import Array, namespace
+from nhpocp.state_space import StateSpace, scalar
+from nhpocp.systems.system import System
+
+LENGTH = 0.15  # of the drawn body
+
+
+class Unicycle(System):
+    r"""The unicycle on R² × R, [Laumond, ch. 1]:
+
+        ẋ = v cos θ,   ẏ = v sin θ,   θ̇ = w
+
+    (x, y): the wheel's contact point, θ: its heading from the x axis. θ counts whole turns: 0 and 2π are two states.
+    """
+
+    model: ClassVar[str] = "unicycle"
+    state_space = StateSpace([scalar("x", "length"), scalar("y", "length"), scalar("theta", "angle")])
+    input_space = StateSpace([scalar("v", "length"), scalar("w", "angle")])
+
+    def vector_fields(self, state: Array) -> Array:
+        xp = namespace(state)
+        return xp.matrix([[xp.cos(state[2]), 0.0], [xp.sin(state[2]), 0.0], [0.0, 1.0]])
+
+    def constraints(self, state: Array, velocity: Array) -> Array:
+        """The speed across the heading."""
+        xp = namespace(state, velocity)
+        return xp.vector([velocity[1] * xp.cos(state[2]) - velocity[0] * xp.sin(state[2])])
+
+    def drawing(self, state: Array) -> dict[str, Any]:
+        """The body with its nose ahead, from above, and the wheel."""
+        xp, here = namespace(state), state[:2]
+        along = LENGTH * xp.vector([xp.cos(state[2]), xp.sin(state[2])])
+        across = xp.vector([-along[1], along[0]])
+        corners = [(1.2, 0.0), (0.5, 0.5), (-0.7, 0.5), (-0.7, -0.5), (0.5, -0.5), (1.2, 0.0)]
+        return {
+            "lines": {
+                "body": xp.rows([here + a * along + b * across for a, b in corners]),
+                "wheel": xp.rows([here - 0.35 * along, here + 0.35 * along]),
+            },
+            "points": {},
+            "trace": here,
+        }

@@ -1,0 +1,39 @@
+"""The Veselova joint: a ball that cannot turn about a direction fixed in its socket."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+from nhpocp.arrays import Array, namespace
+from nhpocp.state_space import StateSpace, rotation, scalar
+from nhpocp.systems.solids import body_axes, facet
+from nhpocp.systems.system import System
+
+
+class VeselovaJoint(System):
+    r"""The base joint of [Paper] section 2 alone, on SO(3); constraint of [Veselova]:
+
+        Ṙ = [ω] R,   ω = (u1, u2, 0)
+
+    R: ball to socket, ω in socket coordinates. The joint cannot turn about r = ẑ, fixed in the socket.
+    Least effort from 1 to Rz(φ), 0 < φ ≤ π, is φ (4π - φ); there are dearer local minima.
+    """
+
+    model: ClassVar[str] = "veselova_joint"
+    state_space = StateSpace([rotation("orientation")])
+    input_space = StateSpace([scalar("u1", "angle"), scalar("u2", "angle")])
+
+    def vector_fields(self, state: Array) -> Array:
+        return namespace(state).matrix([[1.0, 0.0], [0.0, 1.0], [0.0, 0.0]])
+
+    def constraints(self, state: Array, velocity: Array) -> Array:
+        """ω about r."""
+        return velocity[2:3]
+
+    def drawing(self, state: Array) -> dict[str, Any]:
+        """The ball's axes, the third being the leg that it may carry, and r."""
+        xp, turned = namespace(state), self.state_space.unpack(state)["orientation"]
+        origin = xp.array([0.0, 0.0, 0.0])
+        lines = {"ball": facet(origin, turned, 1.0), **body_axes(origin, turned, 1.0)}
+        lines["r"] = xp.array([[0.0, 0.0, -0.5], [0.0, 0.0, 0.0]])
+        return {"lines": lines, "points": {"tip": xp.rows([turned[:, 2]])}, "trace": turned[:, 2]}
