@@ -17,6 +17,7 @@ import numpy as np
 from measuring import SCRIPTS, cold_rounds, interleaved, medians
 from replaying import replay
 
+FRESH = 3  # rounds of fresh processes at most: they are long, and no wanted line depends on them
 READY = """
 from time import perf_counter as now
 began = now()
@@ -99,9 +100,10 @@ def measured(taking_part: Sequence[Contestant], rounds: int) -> list[Row]:
     solvers = {one.name: one.build() for one in taking_part}
     answers = {name: solve() for name, solve in solvers.items()}
     warm = medians(interleaved(solvers, rounds))
-    processes = cold_rounds({one.name: one.command for one in taking_part}, rounds)
+    fresh = min(rounds, FRESH)
+    processes = cold_rounds({one.name: one.command for one in taking_part}, fresh)
     ready: dict[str, list[float]] = {one.name: [] for one in taking_part}
-    for _ in range(rounds):
+    for _ in range(fresh):
         for one in taking_part:
             ready[one.name].append(one.ready())
     rows = []
