@@ -6,34 +6,39 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 from statistics import median
 from time import perf_counter
-from typing import Any
+from typing import Any, TypeVar
 
 from nhpocp.machine import compiler, machine
 
+Name = TypeVar("Name", bound=Hashable)
 SCRIPTS = Path(__file__).parent
 ROUND = 0.01  # seconds at least for one way in one round
 
 
-def interleaved(
-    runs: Mapping[str, Callable[[], object]], rounds: int, least: float = ROUND
-) -> dict[str, list[float]]:
-    """Seconds of one call, for each way and round; a way is called until ``least`` seconds are full.
+def warm(run: Callable[[], object]) -> float:
+    """Seconds of the second call."""
+    run()
+    began = perf_counter()
+    run()
+    return perf_counter() - began
 
-    Each is called twice before, untimed: to warm up, and to see how often to call it.
+
+def interleaved(
+    runs: Mapping[Name, Callable[[], object]], rounds: int, once: Mapping[Name, float] | None = None
+) -> dict[Name, list[float]]:
+    """Seconds of one call, for each way and round; a way is called until ``ROUND`` seconds are full.
+
+    once: seconds of a call of each, of which the number of calls is made; those not `warm` yet are called before.
     """
-    repeats: dict[str, int] = {}
-    times: dict[str, list[float]] = {name: [] for name in runs}
-    for name, run in runs.items():
-        run()
-        began = perf_counter()
-        run()
-        repeats[name] = max(1, int(least / (perf_counter() - began)))
+    once = once or {name: warm(run) for name, run in runs.items()}
+    repeats = {name: max(1, int(ROUND / once[name])) for name in runs}
+    times: dict[Name, list[float]] = {name: [] for name in runs}
     for _ in range(rounds):
         for name, run in runs.items():
             began = perf_counter()
@@ -43,11 +48,11 @@ def interleaved(
     return times
 
 
-def medians(times: Mapping[str, Sequence[float]]) -> dict[str, float]:
+def medians(times: Mapping[Name, Sequence[float]]) -> dict[Name, float]:
     return {name: median(found) for name, found in times.items()}
 
 
-def seconds(runs: Mapping[str, Callable[[], object]], rounds: int) -> dict[str, float]:
+def seconds(runs: Mapping[Name, Callable[[], object]], rounds: int) -> dict[Name, float]:
     """Median time of one call of each."""
     return medians(interleaved(runs, rounds))
 

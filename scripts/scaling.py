@@ -9,7 +9,7 @@ import benchmark_jacobians as jacobians
 import own
 import rival_nlpsol
 import rival_opti
-from measuring import seconds
+from measuring import interleaved, medians, warm
 
 Curves = dict[str, dict[int, float]]  # name: {size: seconds}
 PATIENCE = 3.0  # seconds of a call: a way that takes longer is not asked for more
@@ -17,12 +17,18 @@ Make = Callable[[int], Callable[[], object]]  # size ↦ what is timed
 
 
 def grow(ways: Mapping[str, Make], sizes: Sequence[int], rounds: int) -> Curves:
-    """Median times of every way over growing sizes; a way ends where it takes longer than ``PATIENCE``."""
+    """Median times of every way and size, all in the same rounds; a way ends where a call exceeds ``PATIENCE``."""
+    runs: dict[tuple[str, int], Callable[[], object]] = {}
+    once: dict[tuple[str, int], float] = {}
+    for name, make in ways.items():
+        for size in sizes:
+            runs[name, size] = make(size)
+            once[name, size] = warm(runs[name, size])
+            if once[name, size] > PATIENCE:
+                break
     curves: Curves = {name: {} for name in ways}
-    for size in sizes:
-        going = [name for name, curve in curves.items() if all(t < PATIENCE for t in curve.values())]
-        for name, time in seconds({name: ways[name](size) for name in going}, rounds).items():
-            curves[name][size] = time
+    for (name, size), time in medians(interleaved(runs, rounds, once)).items():
+        curves[name][size] = time
     return curves
 
 
