@@ -27,7 +27,7 @@ from nhpocp.solution import Outcome
 Goal = Mapping[str, Any]
 ROBOT = "default"
 METHOD = "auto"
-BUDGET = 150.0  # seconds for the rounds of one number of goals; one round is always made
+BUDGET = 300.0  # seconds for the rounds of one number of goals; one round is always made
 CHUNKS = 8  # per core: a core that has done its share takes another
 VERIFIED = 50  # goals whose solutions are verified, untimed
 UNCOMPILED = 100  # goals at most, without kernels
