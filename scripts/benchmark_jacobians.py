@@ -10,24 +10,23 @@ Run: .venv/bin/python scripts/benchmark_jacobians.py [ROUNDS]
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
-from statistics import median
 from time import perf_counter
 
 import casadi as ca
 import numpy as np
+from measuring import seconds
 
 import nhpocp
 from nhpocp.calls import call
-from nhpocp.flow.end_point_map import DifferentiatedEndPointMap, VariationalEndPointMap
+from nhpocp.flow.end_point_map import DifferentiatedEndPointMap, EndPointMapFactory, VariationalEndPointMap
 from nhpocp.flow.integrators import CasadiRungeKutta, Cvodes, Integrator, RungeKutta4
 from nhpocp.flow.kernels import Compiled, Interpreted
 from nhpocp.flow.runge_kutta import runge_kutta_step
 from nhpocp.systems.numeric import numeric_system
 
 PROBLEM = nhpocp.load_problem(Path(__file__).parents[1] / "problems" / "paper.yaml")
-ROUND = 0.01  # seconds for a way in a round
 Way = Callable[[np.ndarray], np.ndarray]  # Λ ↦ Jacobian
 
 
@@ -44,42 +43,26 @@ def plain(harmonics: int, steps: int) -> Way:
     return lambda coefficients: call(function, PROBLEM.start_point, coefficients.ravel())[1].T
 
 
-def mapped(factory: type, integrator: Integrator, harmonics: int) -> Way:
+def mapped(factory: EndPointMapFactory, integrator: Integrator, harmonics: int) -> Way:
     found = factory(PROBLEM.system, nhpocp.Fourier(harmonics), 1.0, PROBLEM.start_point, integrator)
     return lambda coefficients: found(coefficients).jacobian
 
 
-def ways(harmonics: int) -> dict[str, Callable[[], Way]]:
+def ways(harmonics: int, steps: int = 100) -> dict[str, Callable[[], Way]]:
     differentiated, variational = DifferentiatedEndPointMap, VariationalEndPointMap
+    compiled, interpreted = RungeKutta4(steps, Compiled()), RungeKutta4(steps, Interpreted())
     return {
-        "plain ca.jacobian": lambda: plain(harmonics, 100),
-        "rk4, compiled": lambda: mapped(differentiated, RungeKutta4(kernels=Compiled()), harmonics),
-        "rk4, interpreted": lambda: mapped(differentiated, RungeKutta4(kernels=Interpreted()), harmonics),
-        "rk4, variational": lambda: mapped(variational, RungeKutta4(), harmonics),
-        "rk": lambda: mapped(differentiated, CasadiRungeKutta(), harmonics),
-        "cvodes": lambda: mapped(differentiated, Cvodes(), harmonics),
+        "plain ca.jacobian": lambda: plain(harmonics, steps),
+        "rk4, compiled": lambda: mapped(differentiated, compiled, harmonics),
+        "rk4, interpreted": lambda: mapped(differentiated, interpreted, harmonics),
+        "rk4, variational": lambda: mapped(variational, RungeKutta4(steps), harmonics),
+        "rk": lambda: mapped(differentiated, CasadiRungeKutta(steps=steps), harmonics),
+        "cvodes": lambda: mapped(differentiated, Cvodes(steps=steps), harmonics),
     }
 
 
 def coefficients(harmonics: int) -> np.ndarray:
     return np.pad(PROBLEM.initial, ((0, 0), (0, 2 * (harmonics - 2))))
-
-
-def seconds(runs: Mapping[str, Callable[[], object]], rounds: int) -> dict[str, float]:
-    """Median time of one call of each."""
-    repeats, times = {}, {name: [] for name in runs}
-    for name, run in runs.items():
-        run()
-        began = perf_counter()
-        run()
-        repeats[name] = max(1, int(ROUND / (perf_counter() - began)))
-    for _ in range(rounds):
-        for name, run in runs.items():
-            began = perf_counter()
-            for _ in range(repeats[name]):
-                run()
-            times[name].append((perf_counter() - began) / repeats[name])
-    return {name: median(found) for name, found in times.items()}
 
 
 def compare(harmonics: int, rounds: int) -> None:

@@ -63,9 +63,9 @@ def one_round(note: Callable[[str, Callable[[], float]], None]) -> None:
         ours = fresh(kernels)
         note(f"ours, cold, {name}", lambda ours=ours: solved(*ours))  # type: ignore[misc]
         note(f"ours, warm, {name}", lambda ours=ours: solved(*ours))  # type: ignore[misc]
-    rival = rival_nlpsol.Script(INTERVALS)
-    note("nlpsol, cold", lambda: rival.build().solve())
-    note("nlpsol, warm", rival.solve)
+    note("nlpsol, cold", lambda: rival_nlpsol.solve(INTERVALS)[0])
+    again = rival_nlpsol.build(INTERVALS)
+    note("nlpsol, warm", lambda: again()[0])
     note("opti, cold", lambda: rival_opti.solve(INTERVALS)[0])
 
 

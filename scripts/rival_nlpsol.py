@@ -9,7 +9,9 @@ Run: .venv/bin/python scripts/rival_nlpsol.py [INTERVALS]
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from math import cos, pi, radians, sin
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -72,44 +74,39 @@ def first_guess(walk: ca.Function, intervals: int) -> tuple[np.ndarray, np.ndarr
     return np.array(states), controls.T
 
 
-class Script:
-    """The script in two acts, so that the second can be timed alone."""
+def build(intervals: int = 50) -> Callable[[], tuple[float, np.ndarray]]:
+    """The NLP, made once: a function that solves it from the same guess and returns min ∫|v|² and v (3, intervals)."""
+    walk = step(intervals)
+    w = ca.MX.sym("w", 9 * intervals + 6)
+    stages = ca.reshape(w[: 9 * intervals], 9, intervals)
+    after = ca.horzcat(stages[:6, 1:], w[9 * intervals :])
+    gaps = after - walk.map(intervals)(stages[:6, :], stages[6:, :])
+    nlp: dict[str, Any] = {"x": w, "f": ca.sumsqr(stages[6:, :]) / intervals, "g": ca.vec(gaps)}
+    options: dict[str, Any] = {
+        "print_time": False,
+        "show_eval_warnings": False,
+        "ipopt": {"print_level": 0, "sb": "yes", "tol": 1e-8, "constr_viol_tol": 1e-9},
+    }
+    solver = ca.nlpsol("solver", "ipopt", nlp, options)
+    states, controls = first_guess(walk, intervals)
+    start = np.concatenate([np.hstack([states[:-1], controls]).ravel(), states[-1]])
+    lower, upper = np.full(w.numel(), -np.inf), np.full(w.numel(), np.inf)
+    lower[:6] = upper[:6] = pose(*START)
+    lower[-6:] = upper[-6:] = pose(*GOAL)
 
-    def __init__(self, intervals: int = 50) -> None:
-        self.intervals = intervals
+    def solve() -> tuple[float, np.ndarray]:
+        found = solver(x0=start, lbx=lower, ubx=upper, lbg=0, ubg=0)
+        if not solver.stats()["success"]:
+            raise RuntimeError(solver.stats()["return_status"])
+        return float(found["f"]), np.array(found["x"])[: 9 * intervals].reshape(intervals, 9)[:, 6:].T
 
-    def build(self) -> Script:
-        """The solver, its start and its bounds."""
-        intervals = self.intervals
-        walk = step(intervals)
-        w = ca.MX.sym("w", 9 * intervals + 6)
-        stages = ca.reshape(w[: 9 * intervals], 9, intervals)
-        after = ca.horzcat(stages[:6, 1:], w[9 * intervals :])
-        gaps = after - walk.map(intervals)(stages[:6, :], stages[6:, :])
-        nlp = {"x": w, "f": ca.sumsqr(stages[6:, :]) / intervals, "g": ca.vec(gaps)}
-        options = {
-            "print_time": False,
-            "ipopt": {"print_level": 0, "sb": "yes", "tol": 1e-8, "constr_viol_tol": 1e-9},
-        }
-        self.solver = ca.nlpsol("solver", "ipopt", nlp, options)
-        states, controls = first_guess(walk, intervals)
-        self.start = np.concatenate([np.hstack([states[:-1], controls]).ravel(), states[-1]])
-        self.lower, self.upper = np.full(w.numel(), -np.inf), np.full(w.numel(), np.inf)
-        self.lower[:6] = self.upper[:6] = pose(*START)
-        self.lower[-6:] = self.upper[-6:] = pose(*GOAL)
-        return self
-
-    def solve(self) -> float:
-        """The least ∫|v|²."""
-        found = self.solver(x0=self.start, lbx=self.lower, ubx=self.upper, lbg=0, ubg=0)
-        return float(found["f"])
+    return solve
 
 
-def solve(intervals: int = 50) -> tuple[float, ca.Function]:
-    """The least ∫|v|², and the solver for its statistics."""
-    script = Script(intervals).build()
-    return script.solve(), script.solver
+def solve(intervals: int = 50) -> tuple[float, np.ndarray]:
+    """`build` and the first solve."""
+    return build(intervals)()
 
 
 if __name__ == "__main__":
-    print(f"{solve(int(sys.argv[1]) if len(sys.argv) > 1 else 50)[0]:.8f}")
+    print(f"{build(int(sys.argv[1]) if len(sys.argv) > 1 else 50)()[0]:.8f}")

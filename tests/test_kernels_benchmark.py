@@ -1,0 +1,41 @@
+"""The hot functions under pytest-benchmark; each runs once unless asked: pytest -n0 --benchmark-enable TESTS."""
+
+import benchmark_jacobians as jacobians
+import numpy as np
+import pytest
+from goals import paper_task
+
+from nhpocp.flow.integrators import RungeKutta4
+from nhpocp.flow.kernels import Compiled, Interpreted
+from nhpocp.solution import Outcome
+from nhpocp.solvers.continuation import Continuation
+from nhpocp.solvers.step_rules import Euler
+
+
+@pytest.fixture(scope="module")
+def exact():
+    """The position rows, which every way has, of the plain Jacobian."""
+    return jacobians.plain(2, 100)(jacobians.coefficients(2))[:3]
+
+
+@pytest.mark.parametrize("name", jacobians.ways(2))
+def test_end_point_and_jacobian(benchmark, exact, name):
+    way, given = jacobians.ways(2)[name](), jacobians.coefficients(2)
+    found = benchmark(way, given)
+    np.testing.assert_allclose(found[:3], exact, atol=1e-6 * np.abs(exact).max())
+
+
+@pytest.mark.parametrize("harmonics", [2, 50])
+def test_the_kernel_at_500_steps(benchmark, harmonics):
+    way, given = jacobians.ways(harmonics, 500)["rk4, compiled"](), jacobians.coefficients(harmonics)
+    found = benchmark(way, given)
+    assert found.shape == (6, 3 * (2 * harmonics + 1))
+    assert np.isfinite(found).all()
+
+
+@pytest.mark.parametrize("kernels", [Compiled(), Interpreted()], ids=["compiled", "interpreted"])
+def test_a_continuation(benchmark, kernels):
+    solver = Continuation(step_rule=Euler(1.0), integrator=RungeKutta4(kernels=kernels))
+    solution = benchmark(solver.solve, paper_task("default"))
+    assert solution.outcome is Outcome.CONVERGED
+    assert solution.control.effort == pytest.approx(3.5093, abs=1e-3)  # (17) at γ = 1
