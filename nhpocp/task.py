@@ -108,7 +108,7 @@ class Task:
     def _output_error(self, output: Block, value: Array) -> Array:
         wanted = np.ravel(self.values[output.name])
         if output.kind == "direction":
-            _refuse_half_turn(np.arctan2(np.linalg.norm(np.cross(wanted, value)), wanted @ value))
+            _refuse_half_turn(np.arctan2(np.linalg.norm(np.cross(wanted, value)), wanted @ value)[None])
             return np.asarray(_plane(wanted).T @ so3.between(wanted, value))
         return value - wanted
 
@@ -175,9 +175,8 @@ def total_error(tasks: Iterable[Task], points: Iterable[Array]) -> float:
 
 def _refuse_half_turn(angles: Array) -> None:
     """Errors: `OrientationAtPiError` where one of the angles is a half turn, so that e has no direction."""
-    angle = float(np.max(angles, initial=0.0))
-    if angle > np.pi - HALF_TURN_WITHIN:
-        raise OrientationAtPiError(f"the orientation error is {angle:.9f} rad, a half turn")
+    if angles.size and angles.max() > np.pi - HALF_TURN_WITHIN:
+        raise OrientationAtPiError(f"the orientation error is {angles.max():.9f} rad, a half turn")
 
 
 def _part(space: StateSpace, fixed: StateSpace, point: Array) -> Array:

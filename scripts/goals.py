@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from nhpocp import so3
+from nhpocp.flow.dynamics import Dynamics
 from nhpocp.flow.integrators import RungeKutta4
 from nhpocp.problem import PlanningProblem
 from nhpocp.systems.numeric import numeric_system
@@ -56,7 +57,7 @@ def paper_task(name: str, **changes: Any) -> PlanningProblem:
 def reachable_goals(problem: PlanningProblem, count: int, seed: int = 0) -> list[Mapping[str, Any]]:
     """End points of the problem's Λ₀ plus noise, of paths that stay clear of the singular surfaces."""
     random, numeric = np.random.default_rng(seed), numeric_system(problem.system)
-    flow = RungeKutta4(200).flow(numeric.rate_function, problem.basis, problem.horizon.fixed)
+    flow = RungeKutta4(200).flow(Dynamics(numeric.rate_function), problem.basis, problem.horizon.fixed)
     goals: list[Mapping[str, Any]] = []
     while len(goals) < count:
         noise = random.normal(0.0, NOISE[len(goals) % len(NOISE)], np.shape(problem.initial))

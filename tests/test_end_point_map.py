@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from nhpocp import so3
 from nhpocp.controls.fourier import Fourier
+from nhpocp.flow.dynamics import Dynamics
 from nhpocp.flow.end_point_map import DifferentiatedEndPointMap, VariationalEndPointMap
 from nhpocp.flow.integrators import CasadiRungeKutta, Cvodes, RungeKutta4
 from nhpocp.systems.numeric import NumericSystem
@@ -34,7 +35,7 @@ def relative(jacobian, reference):
 def differences(system, basis, start, coefficients, horizon, step=2e-4):
     """Central differences in the state space's own tangent numbers, Richardson-extrapolated."""
     rate, space = NumericSystem(system).rate_function, system.state_space
-    flow = RungeKutta4(200).flow(rate, basis, horizon)
+    flow = RungeKutta4(200).flow(Dynamics(rate), basis, horizon)
 
     def central(size):
         columns = []
@@ -134,7 +135,7 @@ LEAP = 2.0  # of any state number in one of 100 steps: faster paths run out of S
 def is_regular(system, basis, start, coefficients, horizon):
     """Whether a path keeps clear of det S = 0, where (7) is undefined and no two ways need agree."""
     numeric = NumericSystem(system)
-    flow = RungeKutta4(100).flow(numeric.rate_function, basis, horizon)
+    flow = RungeKutta4(100).flow(Dynamics(numeric.rate_function), basis, horizon)
     path = flow.states(start, coefficients)
     if not np.isfinite(path).all() or np.abs(np.diff(path, axis=0)).max() > LEAP:
         return False

@@ -6,6 +6,7 @@ import pytest
 from conftest import PAPER_START
 
 from nhpocp.controls.fourier import Fourier
+from nhpocp.flow.dynamics import Dynamics
 from nhpocp.flow.integrators import CasadiRungeKutta, Cvodes, RungeKutta4, runge_kutta_step, uniform_grid
 from nhpocp.systems.numeric import NumericSystem
 
@@ -22,7 +23,7 @@ def rate_of(problem):
 
 
 def test_end_is_last_state_and_first_state_is_start(integrator, problem):
-    flow = integrator.flow(rate_of(problem), problem.basis, 1.0)
+    flow = integrator.flow(Dynamics(rate_of(problem)), problem.basis, 1.0)
     states = flow.states(problem.start_point, PAPER_START)
     assert states.shape == (len(flow.times), 12)
     np.testing.assert_array_equal(states[0], problem.start_point)
@@ -31,7 +32,7 @@ def test_end_is_last_state_and_first_state_is_start(integrator, problem):
 
 def test_integrators_agree(problem):
     ends = [
-        i.flow(rate_of(problem), problem.basis, 1.0).end(problem.start_point, PAPER_START)
+        i.flow(Dynamics(rate_of(problem)), problem.basis, 1.0).end(problem.start_point, PAPER_START)
         for i in INTEGRATORS
     ]
     np.testing.assert_allclose(ends[1], ends[0], atol=1e-12)  # the same scheme
@@ -40,12 +41,16 @@ def test_integrators_agree(problem):
 
 def test_runge_kutta_has_order_four_and_the_known_errors(problem):
     """[physics §2]: end-point error at Λ0 with N = 50, 100, 200 steps."""
-    exact = RungeKutta4(1600).flow(rate_of(problem), problem.basis, 1.0).end(problem.start_point, PAPER_START)
+    exact = (
+        RungeKutta4(1600)
+        .flow(Dynamics(rate_of(problem)), problem.basis, 1.0)
+        .end(problem.start_point, PAPER_START)
+    )
     errors = []
     for steps in (50, 100, 200):
         end = (
             RungeKutta4(steps)
-            .flow(rate_of(problem), problem.basis, 1.0)
+            .flow(Dynamics(rate_of(problem)), problem.basis, 1.0)
             .end(problem.start_point, PAPER_START)
         )
         errors.append(np.abs(end - exact).max())
@@ -55,7 +60,7 @@ def test_runge_kutta_has_order_four_and_the_known_errors(problem):
 
 
 def test_sensitivity_is_the_derivative(integrator, problem):
-    flow = integrator.flow(rate_of(problem), problem.basis, 1.0)
+    flow = integrator.flow(Dynamics(rate_of(problem)), problem.basis, 1.0)
     states, jacobian = flow.sensitivity(problem.start_point, PAPER_START)
     np.testing.assert_allclose(states[-1], flow.end(problem.start_point, PAPER_START), atol=1e-9)
     step = 1e-4
@@ -69,7 +74,7 @@ def test_sensitivity_is_the_derivative(integrator, problem):
 
 def test_sensitivity_at_stops_is_that_of_shorter_flows(integrator, problem):
     """dy/dλ half way through is what a flow that ends there would give."""
-    flow = integrator.flow(rate_of(problem), problem.basis, 1.0)
+    flow = integrator.flow(Dynamics(rate_of(problem)), problem.basis, 1.0)
     half = int(np.abs(flow.times - 0.5).argmin())
     states, jacobians = flow.sensitivity(problem.start_point, PAPER_START, (half, -1))
     assert jacobians.shape == (2, 12, 15)
@@ -93,7 +98,7 @@ def test_own_chain_equals_casadi_differentiating_the_whole(problem):
     for h, *functions in zip(np.diff(times), *tables, strict=True):
         end = step(end, h, coefficients @ np.array(functions).T)
     whole = ca.Function("whole", [vector], [ca.jacobian(end, vector)])
-    _, own = integrator.flow(rate_of(problem), problem.basis, 1.0).sensitivity(
+    _, own = integrator.flow(Dynamics(rate_of(problem)), problem.basis, 1.0).sensitivity(
         problem.start_point, PAPER_START
     )
     np.testing.assert_allclose(own[-1], np.array(whole(PAPER_START.ravel())), atol=1e-12)
@@ -103,7 +108,7 @@ def test_cvodes_is_right_where_parameters_outnumber_outputs(problem):
     """casadi#4383: 51 parameters, 12 outputs; CasADi would choose the adjoint, silently wrong here."""
     basis = Fourier(8)
     coefficients = np.pad(PAPER_START, ((0, 0), (0, basis.size - 5)))
-    flows = [way.flow(rate_of(problem), basis, 1.0) for way in (Cvodes(steps=2), RungeKutta4(800))]
+    flows = [way.flow(Dynamics(rate_of(problem)), basis, 1.0) for way in (Cvodes(steps=2), RungeKutta4(800))]
     (_, jacobian), (_, exact) = (flow.sensitivity(problem.start_point, coefficients) for flow in flows)
     np.testing.assert_allclose(jacobian, exact, atol=1e-7 * np.abs(exact).max())
 

@@ -10,6 +10,7 @@ from nhpocp import planning, so3
 from nhpocp.constraints import Bound
 from nhpocp.controls.fourier import Fourier
 from nhpocp.controls.piecewise_constant import PiecewiseConstant
+from nhpocp.flow.dynamics import Dynamics
 from nhpocp.flow.integrators import RungeKutta4
 from nhpocp.solution import Outcome
 from nhpocp.solvers.continuation import Continuation
@@ -215,7 +216,7 @@ def test_rows_are_the_relative_excess_and_their_derivatives_are_right(preset, ba
     integrator = RungeKutta4(50)
     times = integrator.grid(basis, 1.0)
     rows = PathRows(problem, basis, 1.0, times)
-    flow = integrator.flow(numeric_system(problem.system).rate_function, basis, 1.0)
+    flow = integrator.flow(Dynamics(numeric_system(problem.system).rate_function), basis, 1.0)
 
     def values(coefficients):
         return rows.values(flow.states(problem.start_point, coefficients), coefficients)

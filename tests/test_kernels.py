@@ -20,6 +20,7 @@ from nhpocp.controls.fourier import Fourier
 from nhpocp.controls.piecewise_constant import PiecewiseConstant
 from nhpocp.errors import MissingDependencyError
 from nhpocp.flow import kernel_build, kernel_cache, kernel_source, kernels, shot_source
+from nhpocp.flow.dynamics import Dynamics
 from nhpocp.flow.end_point_map import DifferentiatedEndPointMap
 from nhpocp.flow.integrators import RungeKutta4
 from nhpocp.flow.kernel_source import _accessed
@@ -141,7 +142,7 @@ def test_a_kernel_says_what_casadi_says(preset, form, cache, monkeypatch):
 def test_other_systems_and_whole_derivatives(cache):
     numeric = NumericSystem(Integrators())
     flows = [
-        RungeKutta4(13, way).flow(numeric.rate_function, Fourier(3), 2.0)
+        RungeKutta4(13, way).flow(Dynamics(numeric.rate_function), Fourier(3), 2.0)
         for way in (Compiled(), Interpreted())
     ]
     (path, derivative), (_, expected) = (

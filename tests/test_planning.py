@@ -8,6 +8,7 @@ from conftest import paper_problem, yaw
 
 from nhpocp import planning
 from nhpocp.constraints import Bound
+from nhpocp.flow.dynamics import Dynamics
 from nhpocp.flow.integrators import RungeKutta4
 from nhpocp.solution import Outcome
 from nhpocp.solvers.continuation import Continuation
@@ -62,7 +63,7 @@ def test_a_goal_across_det_s_alone_is_reached_in_the_original_form():
     """(7) cannot pass det S = 0; (3) needs det W ≠ 0 only. The goal is the end of a path that does."""
     problem = paper_problem("paper_conjecture", form="original", initial=THROUGH_DET_S)
     numeric, space = numeric_system(problem.system), problem.system.state_space
-    flow = RungeKutta4(400).flow(numeric.rate_function, problem.basis, 1.0)
+    flow = RungeKutta4(400).flow(Dynamics(numeric.rate_function), problem.basis, 1.0)
     goal = space.unpack(space.nearest(flow.end(problem.start_point, THROUGH_DET_S)))
     refused = planning.solve(paper_problem("paper_conjecture", goal=goal), Continuation())
     assert refused.outcome is Outcome.OTHER_COMPONENT

@@ -9,6 +9,7 @@ from nhpocp import planning
 from nhpocp.controls.control import Control
 from nhpocp.controls.fourier import Fourier
 from nhpocp.controls.sequence import retimed
+from nhpocp.flow.dynamics import Dynamics
 from nhpocp.flow.integrators import RungeKutta4
 from nhpocp.solution import Outcome
 from nhpocp.solution_folder import load_solution, save_solution
@@ -83,7 +84,7 @@ def test_retimed_manoeuvres_go_the_same_way_and_cost_what_time_scaling_says(prob
     slow = retimed(control, 2.5)
     rate = numeric_system(problem.system).rate_function
     ends = [
-        RungeKutta4(200).flow(rate, c.basis, c.horizon).end(problem.start_point, c.coefficients)
+        RungeKutta4(200).flow(Dynamics(rate), c.basis, c.horizon).end(problem.start_point, c.coefficients)
         for c in (control, slow)
     ]
     np.testing.assert_allclose(ends[0], ends[1], atol=1e-12)
@@ -98,7 +99,7 @@ def test_a_claim_that_finer_steps_refute_is_corrected(problem):
     found = confirmed(coarse, problem)
     assert found.outcome is Outcome.CONVERGED
     rate = numeric_system(problem.system).rate_function
-    flow = RungeKutta4(1000).flow(rate, problem.basis, 1.0)
+    flow = RungeKutta4(1000).flow(Dynamics(rate), problem.basis, 1.0)
     assert problem.goal_error(flow.end(problem.start_point, found.control.coefficients)) < 2e-6
 
 

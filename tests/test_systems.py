@@ -21,6 +21,7 @@ from nhpocp import machine
 from nhpocp.controls.control import Control
 from nhpocp.controls.fourier import Fourier
 from nhpocp.errors import InvalidProblemError
+from nhpocp.flow.dynamics import Dynamics
 from nhpocp.flow.end_point_map import DifferentiatedEndPointMap, VariationalEndPointMap
 from nhpocp.flow.integrators import CasadiRungeKutta, Cvodes, RungeKutta4
 from nhpocp.flow.kernels import Compiled, Interpreted
@@ -304,7 +305,7 @@ def test_runge_kutta_has_order_four(problem):
     rate, last = numeric_system(problem.system).rate_function, 0.61
     ends = [
         RungeKutta4()
-        .flow(rate, BASIS, 1.0, np.linspace(0.0, last, steps + 1))
+        .flow(Dynamics(rate), BASIS, 1.0, np.linspace(0.0, last, steps + 1))
         .end(problem.start_point, np.asarray(control.coefficients))
         for steps in (20, 40, 80)
     ]

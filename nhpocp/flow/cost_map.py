@@ -9,6 +9,7 @@ import numpy as np
 
 from nhpocp.arrays import Array
 from nhpocp.controls.basis import ControlBasis
+from nhpocp.flow.dynamics import Dynamics
 from nhpocp.flow.integrators import Integrator
 from nhpocp.objectives import INTEGRANDS
 from nhpocp.problem import PlanningProblem
@@ -35,19 +36,19 @@ class QuadratureMap:
     def __init__(
         self, name: str, problem: PlanningProblem, basis: ControlBasis, horizon: float, integrator: Integrator
     ) -> None:
-        rate, linearised = _with_quadrature(problem.system, name, problem.scale)
-        self._flow = integrator.flow(rate, basis, horizon, linearised=linearised)
+        dynamics = _with_quadrature(problem.system, name, problem.scale)
+        self._flow = integrator.flow(dynamics, basis, horizon)
         self._start = np.append(problem.start_point, 0.0)
 
     def __call__(self, coefficients: Array) -> tuple[float, Array]:
         """(cost, gradient (inputs · size,))."""
-        path, jacobian = self._flow.sensitivity(self._start, coefficients)
-        return float(path[-1, -1]), jacobian[-1, -1]
+        found = self._flow.sensitivity(self._start, coefficients)
+        return float(found.path[-1, -1]), found.derivatives[-1, -1]
 
 
 @lru_cache(maxsize=32)
-def _with_quadrature(system: System, name: str, scale: float) -> tuple[ca.Function, ca.Function]:
-    """The rate of (x, ∫ integrand dt), and its linearisation from the system's own, which is the cheaper one."""
+def _with_quadrature(system: System, name: str, scale: float) -> Dynamics:
+    """Of (x, ∫ integrand dt), the last observed; linearised by the system's own way, which is the cheaper one."""
     numeric, n, m = numeric_system(system), system.state_space.size, system.input_space.size
     y, u = ca.SX.sym("y", n + 1), ca.SX.sym("u", m)
     x = y[:n]
@@ -55,9 +56,12 @@ def _with_quadrature(system: System, name: str, scale: float) -> tuple[ca.Functi
     rate = ca.densify(ca.vertcat(numeric.rate_function(x, u), integrand))
     rows = ca.vertcat(numeric.linearised_function(x, u), ca.gradient(integrand, ca.vertcat(x, u)).T)
     linearised = ca.densify(ca.horzcat(rows[:, :n], ca.SX(n + 1, 1), rows[:, n:]))
-    return (
+    last = ca.DM.zeros(1, n + 1)
+    last[n] = 1.0
+    return Dynamics(
         ca.Function("cost_rate", [y, u], [rate]),
         ca.Function("cost_linearised", [y, u], ca.cse([linearised])),
+        ca.Function("last", [y], [last]),
     )
 
 

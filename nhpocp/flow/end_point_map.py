@@ -7,14 +7,14 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Protocol
 
-import casadi as ca
 import numpy as np
 
 from nhpocp.arrays import Array
+from nhpocp.calls import call, mapped
 from nhpocp.controls.basis import ControlBasis
+from nhpocp.flow.dynamics import dynamics
 from nhpocp.flow.integrators import Flow, Integrator
 from nhpocp.flow.variational import VariationalEquations
-from nhpocp.state_space import StateSpace
 from nhpocp.systems.numeric import numeric_system
 from nhpocp.systems.system import System
 
@@ -30,6 +30,7 @@ class EndPoint:
     path: Array
     stops: tuple[int, ...]  # rows of the path
     jacobians: Array
+    watched: Array  # the numbers of `Dynamics.watched` along the path, (k, …)
     variations: Array | None = (
         None  # the Jacobians of the whole path, (k, dimension, inputs · size), if asked for
     )
@@ -85,19 +86,17 @@ class DifferentiatedEndPointMap:
         along: bool = False,
     ) -> None:
         self._flow = _flow(system, basis, horizon, integrator, tuple(shares))
-        self._start, self.times, self._lower = start, self._flow.times, _lower(system.state_space)
+        self._start, self.times = start, self._flow.times
         self._stops, self._along = stops_of(self.times, shares, horizon), along
 
     def __call__(self, coefficients: Array) -> EndPoint:
         if self._along:
-            return self._whole(coefficients)
-        path, jacobians = self._flow.sensitivity(self._start, coefficients, self._stops, self._lower)
-        return EndPoint(path, self._stops, jacobians)
-
-    def _whole(self, coefficients: Array) -> EndPoint:
-        everywhere = range(len(self.times))
-        path, variations = self._flow.sensitivity(self._start, coefficients, everywhere, self._lower)
-        return EndPoint(path, self._stops, variations[list(self._stops)], variations)
+            path, variations, watched = self._flow.sensitivity(
+                self._start, coefficients, range(len(self.times))
+            )
+            return EndPoint(path, self._stops, variations[list(self._stops)], watched, variations)
+        path, jacobians, watched = self._flow.sensitivity(self._start, coefficients, self._stops)
+        return EndPoint(path, self._stops, jacobians, watched)
 
 
 class VariationalEndPointMap:
@@ -116,11 +115,14 @@ class VariationalEndPointMap:
         times = grid_through(integrator.grid(basis, horizon), shares, horizon)
         self._equations = VariationalEquations(system, basis, horizon, integrator, times)
         self._start, self.times = start, self._equations.flow.times
+        self._watched = numeric_system(system).breaking_function
         self._stops, self._along = stops_of(self.times, shares, horizon), along
 
     def __call__(self, coefficients: Array) -> EndPoint:
         path, jacobians, _ = self._equations.states(self._start, coefficients)
-        return EndPoint(path, self._stops, jacobians[list(self._stops)], jacobians if self._along else None)
+        (watched,) = call(mapped(self._watched, len(path)), path)
+        at_stops = jacobians[list(self._stops)]
+        return EndPoint(path, self._stops, at_stops, watched, jacobians if self._along else None)
 
     def gram(self, coefficients: Array) -> Array:
         """D of [Paper] eq. (14), dimension × dimension."""
@@ -145,13 +147,5 @@ def _flow(
     system: System, basis: ControlBasis, horizon: float, integrator: Integrator, shares: tuple[float, ...]
 ) -> Flow:
     """The flow over the integrator's grid through these shares."""
-    functions = numeric_system(system)
     times = grid_through(integrator.grid(basis, horizon), shares, horizon)
-    return integrator.flow(functions.rate_function, basis, horizon, times, functions.linearised_function)
-
-
-@lru_cache(maxsize=32)
-def _lower(space: StateSpace) -> ca.Function:
-    """A packed point ↦ the matrix (dimension × size) that takes its rate to tangent numbers."""
-    x, rate = ca.SX.sym("x", space.size), ca.SX.sym("rate", space.size)
-    return ca.Function("lower", [x], [ca.densify(ca.jacobian(space.lower(x, rate), rate))])
+    return integrator.flow(dynamics(system), basis, horizon, times)

@@ -7,18 +7,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Any, ClassVar, Protocol
 
 import casadi as ca
 import numpy as np
 
 from nhpocp.arrays import Array
-from nhpocp.calls import accumulated, call, mapped
+from nhpocp.calls import call, mapped
 from nhpocp.controls.basis import ControlBasis
 from nhpocp.errors import InvalidProblemError
+from nhpocp.flow.dynamics import Dynamics
 from nhpocp.flow.kernels import CompiledWhenReady, Kernels
-from nhpocp.flow.runge_kutta import Scheme, Sweep, runge_kutta_step, scheme
+from nhpocp.flow.runge_kutta import Scheme, Sweep, Swept, scheme, walked
 
 
 class Flow(Protocol):
@@ -34,17 +35,8 @@ class Flow(Protocol):
         """y(T), (n,)."""
         ...
 
-    def sensitivity(
-        self,
-        start: Array,
-        coefficients: Array,
-        stops: Sequence[int] = (-1,),
-        observed: ca.Function | None = None,
-    ) -> tuple[Array, Array]:
-        """The states as above, and dy/dλ at the grid's times of these indices, (stops, n, m·size).
-
-        observed: y ↦ matrix (rows × n), by which dy is multiplied: (stops, rows, m·size). Few rows are cheap.
-        """
+    def sensitivity(self, start: Array, coefficients: Array, stops: Sequence[int] = (-1,)) -> Swept:
+        """The states as above, and dy/dλ, as observed, at the grid's times of these indices."""
         ...
 
 
@@ -61,16 +53,12 @@ class Integrator(Protocol):
 
     def flow(
         self,
-        rate: ca.Function,
+        dynamics: Dynamics,
         basis: ControlBasis,
         horizon: float,
         times: Array | None = None,
-        linearised: ca.Function | None = None,
     ) -> Flow:
-        """The flow of ẏ = rate(y, u) with u(t) = Λ φ(t) over [0, horizon], on the given times or on `grid`.
-
-        linearised: (y, u) ↦ [∂rate/∂y, ∂rate/∂u], n × (n + m), where a cheaper one than CasADi's AD finds is known.
-        """
+        """The flow of ẏ = rate(y, u) with u(t) = Λ φ(t) over [0, horizon], on the given times or on `grid`."""
         ...
 
 
@@ -100,67 +88,50 @@ class RungeKutta4:
 
     def flow(
         self,
-        rate: ca.Function,
+        dynamics: Dynamics,
         basis: ControlBasis,
         horizon: float,
         times: Array | None = None,
-        linearised: ca.Function | None = None,
     ) -> RungeKuttaFlow:
         times = self.grid(basis, horizon) if times is None else times
-        return RungeKuttaFlow(rate, basis, horizon, times, linearised, self.kernels)
+        return RungeKuttaFlow(dynamics, basis, horizon, times, self.kernels)
 
 
 class RungeKuttaFlow:
     """`RungeKutta4` on one grid of times; the grid need not be uniform."""
 
     def __init__(
-        self,
-        rate: ca.Function,
-        basis: ControlBasis,
-        horizon: float,
-        times: Array,
-        linearised: ca.Function | None,
-        kernels: Kernels,
+        self, dynamics: Dynamics, basis: ControlBasis, horizon: float, times: Array, kernels: Kernels
     ) -> None:
         self.times = np.asarray(times, dtype=float)
         self._h = np.diff(self.times)
         self._nodes, self._table = _control_nodes(basis, horizon, self.times)
-        self._rate, self._given, self._kernels = rate, linearised, kernels
-        self._known: tuple[ca.Function | None, Scheme] | None = None  # the last
+        self._dynamics, self._kernels = dynamics, kernels
 
-    def _scheme(self, observed: ca.Function | None) -> Scheme:
-        if self._known is None or self._known[0] is not observed:
-            found = scheme(self._rate, self._given or differentiated(self._rate), observed)
-            self._known = observed, found
-        return self._known[1]
+    def _sweep(self, start: Array, coefficients: Array, stops: Sequence[int]) -> Sweep:
+        start, coefficients = (np.asarray(numbers, dtype=float) for numbers in (start, coefficients))
+        return Sweep(start, self._h, self._nodes, self._table, coefficients, stops)
 
     def states(self, start: Array, coefficients: Array) -> Array:
-        controls = (self._table @ np.asarray(coefficients, dtype=float).T)[self._nodes]
-        (walked,) = call(accumulated(runge_kutta_step(self._rate), len(self._h)), start, self._h, controls)
-        return np.vstack([start, walked])
+        sweep = self._sweep(start, coefficients, ())
+        if self._dynamics.linearised is None:  # no kernel for what is never differentiated
+            return walked(self._dynamics.rate, sweep)
+        return self._kernels.swept(scheme(self._dynamics), sweep).path
 
     def end(self, start: Array, coefficients: Array) -> Array:
         return self.states(start, coefficients)[-1]
 
-    def sensitivity(
-        self,
-        start: Array,
-        coefficients: Array,
-        stops: Sequence[int] = (-1,),
-        observed: ca.Function | None = None,
-    ) -> tuple[Array, Array]:
-        functions = self._scheme(observed)
-        ends = [range(len(self.times))[stop] for stop in stops]
-        start, coefficients = (np.asarray(numbers, dtype=float) for numbers in (start, coefficients))
-        sweep = Sweep(start, self._h, self._nodes, self._table, coefficients, ends)
-        if len(ends) * functions.rows > coefficients.size:
+    def sensitivity(self, start: Array, coefficients: Array, stops: Sequence[int] = (-1,)) -> Swept:
+        functions = scheme(self._dynamics)
+        sweep = self._sweep(start, coefficients, [range(len(self.times))[stop] for stop in stops])
+        if len(stops) * functions.rows > sweep.coefficients.size:
             with np.errstate(all="ignore"):  # a path that runs away is the caller's to judge
                 return self._forwards(functions, sweep)
         return self._kernels.swept(functions, sweep)
 
-    def _forwards(self, functions: Scheme, sweep: Sweep) -> tuple[Array, Array]:
+    def _forwards(self, functions: Scheme, sweep: Sweep) -> Swept:
         """dy/dλ from the first step to the last: one pass for any number of stops."""
-        path, tape = functions.walked(sweep.start, sweep.h, sweep.controls())
+        path, tape = functions.taped_path(sweep)
         ends = list(sweep.stops)
         steps, size, inputs = len(self._h), functions.size, functions.inputs
         by_state, by_controls = call(mapped(functions.blocks, steps), tape, self._h)
@@ -172,7 +143,8 @@ class RungeKuttaFlow:
         for k in range(steps):
             along[k + 1] = by_state[k] @ along[k] + driven[k]
         (matrices,) = call(mapped(functions.observed, len(ends)), path[ends])
-        return path, matrices.reshape(len(ends), size, functions.rows).swapaxes(1, 2) @ along[ends]
+        derivatives = matrices.reshape(len(ends), size, functions.rows).swapaxes(1, 2) @ along[ends]
+        return Swept(path, derivatives, functions.watched_along(path))
 
 
 def _control_nodes(basis: ControlBasis, horizon: float, times: Array) -> tuple[Array, Array]:
@@ -193,14 +165,6 @@ def _control_nodes(basis: ControlBasis, horizon: float, times: Array) -> tuple[A
     for column, values in zip(nodes.T, tables, strict=True):
         table[column] = values
     return np.ascontiguousarray(nodes, dtype=np.int64), table
-
-
-@lru_cache(maxsize=64)
-def differentiated(rate: ca.Function) -> ca.Function:
-    """(y, u) ↦ [∂rate/∂y, ∂rate/∂u] by CasADi's AD."""
-    y, u = ca.SX.sym("y", rate.size1_in(0)), ca.SX.sym("u", rate.size1_in(1))
-    jacobian = ca.densify(ca.jacobian(rate(y, u), ca.vertcat(y, u)))
-    return ca.Function("linearised", [y, u], [jacobian])
 
 
 @dataclass(frozen=True)
@@ -224,13 +188,13 @@ class CasadiIntegrator:
 
     def flow(
         self,
-        rate: ca.Function,
+        dynamics: Dynamics,
         basis: ControlBasis,
         horizon: float,
         times: Array | None = None,
-        linearised: ca.Function | None = None,
     ) -> CasadiFlow:
-        return CasadiFlow(self, rate, basis, horizon, self.grid(basis, horizon) if times is None else times)
+        times = self.grid(basis, horizon) if times is None else times
+        return CasadiFlow(self, dynamics, basis, horizon, times)
 
 
 @dataclass(frozen=True)
@@ -259,7 +223,7 @@ class CasadiFlow:
     def __init__(
         self,
         integrator: CasadiIntegrator,
-        rate: ca.Function,
+        dynamics: Dynamics,
         basis: ControlBasis,
         horizon: float,
         times: Array,
@@ -270,6 +234,7 @@ class CasadiFlow:
                 path="solvers.jacobian.integrator",
             )
         self.times = np.asarray(times, dtype=float)
+        self._dynamics, rate = dynamics, dynamics.rate
         inputs = rate.size1_in(1)
         y, t = ca.SX.sym("y", rate.size1_in(0)), ca.SX.sym("t")
         coefficients = ca.SX.sym("L", inputs, basis.size)
@@ -313,18 +278,15 @@ class CasadiFlow:
     def end(self, start: Array, coefficients: Array) -> Array:
         return np.array(self._end(x0=start, p=np.ravel(coefficients))["xf"]).ravel()
 
-    def sensitivity(
-        self,
-        start: Array,
-        coefficients: Array,
-        stops: Sequence[int] = (-1,),
-        observed: ca.Function | None = None,
-    ) -> tuple[Array, Array]:
+    def sensitivity(self, start: Array, coefficients: Array, stops: Sequence[int] = (-1,)) -> Swept:
         ends, jacobian = self._jacobian(stops)(start, np.ravel(coefficients))
         states = self.states(start, coefficients)
         states[list(stops)] = np.array(ends).reshape(len(stops), -1)  # the points that were differentiated
         derivatives = np.array(jacobian).reshape(len(stops), states.shape[1], -1)
-        if observed is None:
-            return states, derivatives
-        matrices = [call(observed, states[stop])[0].T for stop in stops]
-        return states, np.stack(matrices) @ derivatives
+        observed, watched = self._dynamics.observed, np.empty((len(states), 0))
+        if observed is not None:
+            matrices = [call(observed, states[stop])[0].T for stop in stops]
+            derivatives = np.stack(matrices) @ derivatives
+        if self._dynamics.watched is not None:
+            (watched,) = call(mapped(self._dynamics.watched, len(states)), states)
+        return Swept(states, derivatives, watched)

@@ -177,7 +177,8 @@ def agree(found: Sequence[Array], expected: Sequence[Array]) -> bool:
 
 def address(array: Array) -> int:
     """Of a contiguous array that may be written to."""
-    return ctypes.addressof(ctypes.c_char.from_buffer(array))  # array.ctypes takes three times as long
+    # array.ctypes takes three times as long
+    return ctypes.addressof(ctypes.c_char.from_buffer(array)) if array.size else 0
 
 
 def _key(identity: str) -> str:

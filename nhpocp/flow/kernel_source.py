@@ -77,6 +77,18 @@ static inline void pull(const double *restrict c, const double *restrict tape, d
   }}
 }}
 
+/* numbers at so many points of the path */
+static void watch(long long points, const double *restrict y, double *restrict watched) {{
+#pragma omp simd
+  for (long long k = 0; k < points; ++k) {{
+#define X0(j) y[k * N + (j)]
+#define Y0(j) watched[k * {watches} + (j)]
+{watched}
+#undef X0
+#undef Y0
+  }}
+}}
+
 static void observe(const double *restrict y, double *restrict matrix) {{
 #define X0(j) y[j]
 #define Y0(j) matrix[j]
@@ -87,11 +99,13 @@ static void observe(const double *restrict y, double *restrict matrix) {{
 
 /* y: steps + 1 states, the first given. nodes: for each step, which rows of the table of basis functions, count x size,
    stand at its start, middle and end. derivatives: for each stop, those of the observed rows there by the coefficients,
-   stops x size x R x M. work: (N + M + E) L doubles for every L samples, 4 samples a step, and M (R + 1) a node. */
+   stops x size x R x M; without stops none is worked out.
+   watched: the watched numbers at every state.
+   work: (N + M + E) L doubles for every L samples, 4 samples a step, and M (R + 1) a node. */
 CASADI_SYMBOL_EXPORT void nhpocp_sweep(long long steps, const double *h, const long long *nodes,
                                        long long count, long long size, const double *table, const double *coefficients,
                                        double *y, long long stops, const long long *stop,
-                                       double *work, double *derivatives) {{
+                                       double *work, double *derivatives, double *watched) {{
   const long long blocks = (4 * steps + L - 1) / L;
   double *samples = work, *tape = samples + blocks * (N + M) * L;
   double *u = tape + blocks * E * L, *gradients = u + count * M;
@@ -107,13 +121,14 @@ CASADI_SYMBOL_EXPORT void nhpocp_sweep(long long steps, const double *h, const l
     const double *const at[3] = {{u + M * nodes[3 * k], u + M * nodes[3 * k + 1], u + M * nodes[3 * k + 2]}};
     const double *const control[4] = {{at[0], at[1], at[1], at[2]}};
     step(y + N * k, h[k], at, y + N * (k + 1), points);
-    for (int i = 0; i < 4; ++i) {{
+    for (int i = 0; stops && i < 4; ++i) {{
       double *sample = samples + AT(4 * k + i, 0, N + M);
       for (int j = 0; j < N; ++j) sample[j * L] = points[i * N + j];
       for (int j = 0; j < M; ++j) sample[(N + j) * L] = control[i][j];
     }}
   }}
-  for (long long b = 0; b < blocks; ++b) slopes(samples + b * (N + M) * L, tape + b * E * L);
+  watch(steps + 1, y, watched);
+  for (long long b = 0; stops && b < blocks; ++b) slopes(samples + b * (N + M) * L, tape + b * E * L);
   for (long long s = 0; s < stops; ++s) {{
     double *now = c[0], *before = c[1];
     for (long long q = 0; q < count * R * M; ++q) gradients[q] = 0.0;
@@ -148,9 +163,14 @@ def c_source(scheme: Scheme) -> str:
 
     Errors: `NotImplementedError` where CasADi's code is more than straight lines.
     """
-    functions = scheme.step, scheme.slopes, scheme.pulled_row, scheme.observed
-    head, bodies = straight_lines(functions)
-    names = ("step", "slopes", "pulled", "observed")
+    functions = {
+        "step": scheme.step,
+        "slopes": scheme.slopes,
+        "pulled": scheme.pulled_row,
+        "observed": scheme.observed,
+        **({"watched": scheme.watched} if scheme.watches else {}),
+    }
+    head, bodies = straight_lines(list(functions.values()))
     loops = _LOOPS.format(
         size=scheme.size,
         inputs=scheme.inputs,
@@ -158,7 +178,8 @@ def c_source(scheme: Scheme) -> str:
         entries=scheme.entries,
         lanes=LANES,
         row_lanes=_row_lanes(scheme.rows),
-        **dict(zip(names, bodies, strict=True)),
+        watches=scheme.watches,
+        **{"watched": "", **dict(zip(functions, bodies, strict=True))},
     )
     return head + "\n" + loops
 

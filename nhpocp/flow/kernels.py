@@ -12,7 +12,7 @@ from typing import Protocol, TypeVar
 from nhpocp.arrays import Array
 from nhpocp.flow import kernel_source, shot_source
 from nhpocp.flow.kernel_cache import Place, agree
-from nhpocp.flow.runge_kutta import Scheme, Sweep
+from nhpocp.flow.runge_kutta import Scheme, Sweep, Swept
 from nhpocp.flow.shot import Shot, Shots
 from nhpocp.flow.shot_kernel import KernelShots, ShotKernel, identity, tried
 from nhpocp.flow.sweep_kernel import SweepKernel
@@ -27,8 +27,8 @@ Trial = Callable[[], tuple[Array, Array]]
 class Kernels(Protocol):
     """How a sweep, or the intervals of an NLP, are evaluated."""
 
-    def swept(self, scheme: Scheme, sweep: Sweep) -> tuple[Array, Array]:
-        """The path (steps + 1, n) and the derivatives (stops, rows, m·size) that `Scheme.swept` gives."""
+    def swept(self, scheme: Scheme, sweep: Sweep) -> Swept:
+        """What `Scheme.swept` gives."""
         ...
 
     def shots(self, shot: Shot, intervals: int, trial: Trial) -> Shots:
@@ -43,7 +43,7 @@ class _Way:
         """The kernel of a place if it is to be used; the work to come is foreseen to take that many seconds without."""
         raise NotImplementedError
 
-    def swept(self, scheme: Scheme, sweep: Sweep) -> tuple[Array, Array]:
+    def swept(self, scheme: Scheme, sweep: Sweep) -> Swept:
         def agrees(kernel: SweepKernel) -> bool:
             trial = sweep.first(TRIED_STEPS)
             return agree(kernel.swept(trial), scheme.swept(trial))

@@ -16,7 +16,8 @@ import casadi as ca
 import numpy as np
 
 from nhpocp.arrays import Array
-from nhpocp.calls import accumulated, call
+from nhpocp.calls import accumulated, call, mapped
+from nhpocp.flow.dynamics import Dynamics
 
 # a_i, which of the three controls, w_i
 TABLEAU = ((0.0, 0, 1.0), (0.5, 1, 2.0), (0.5, 1, 2.0), (1.0, 2, 1.0))
@@ -45,20 +46,30 @@ class Sweep(NamedTuple):
         return (self.table @ self.coefficients.T)[self.nodes]
 
 
+class Swept(NamedTuple):
+    """What a sweep gives."""
+
+    path: Array  # y, (steps + 1, n)
+    derivatives: Array  # of the observed rows at the stops, (stops, rows, m·size)
+    watched: Array  # numbers at every point of the path, (steps + 1, k)
+
+
 class Scheme:
-    """CasADi functions of one step, for f: n numbers, m inputs. Matrices are passed by columns.
+    """CasADi functions of one step, for f: n numbers, m inputs. Matrices are passed by columns."""
 
-    ``observed``: y ↦ matrix (rows × n) that makes of dy what is wanted of it; None: all of it.
-    """
-
-    def __init__(self, rate: ca.Function, linearised: ca.Function, observed: ca.Function | None) -> None:
-        self.rate, self.linearised = rate, linearised
+    def __init__(self, dynamics: Dynamics) -> None:
+        self.rate = rate = dynamics.rate
+        linearised, observed, watched = dynamics.linearised, dynamics.observed, dynamics.watched
         self.size, self.inputs = rate.size1_in(0), rate.size1_in(1)
         self._y, self._u = ca.SX.sym("y", self.size), ca.SX.sym("u", self.inputs)
         whole = ca.DM.eye(self.size)
         self._observed = ca.sparsify(ca.SX(whole if observed is None else observed(self._y)))
-        self.rows = self._observed.size1()
-        (slopes,) = ca.cse([ca.sparsify(ca.SX(linearised(self._y, self._u)))])
+        self._watched = ca.SX(0, 1) if watched is None else watched(self._y)
+        self.rows, self.watches = self._observed.size1(), self._watched.size1()
+        slopes = (
+            differentiated(rate, self._y, self._u) if linearised is None else linearised(self._y, self._u)
+        )
+        (slopes,) = ca.cse([ca.sparsify(ca.SX(slopes))])
         self._pattern = slopes.sparsity()
         self._different, self._entry, self._sign = _different(slopes)
         self.entries = (
@@ -69,6 +80,11 @@ class Scheme:
     def observed(self) -> ca.Function:
         """y ↦ the matrix of the wanted rows, dense."""
         return ca.Function("observed", [self._y], [ca.densify(self._observed)])
+
+    @cached_property
+    def watched(self) -> ca.Function:
+        """y ↦ the numbers that are wanted along the path."""
+        return ca.Function("watched", [self._y], [self._watched])
 
     @cached_property
     def step(self) -> ca.Function:
@@ -128,14 +144,22 @@ class Scheme:
         outputs = [ca.densify(by_state.T), ca.densify(ca.horzcat(*by_controls).T)]
         return ca.Function("blocks", [tape, h], ca.cse(outputs))
 
-    def walked(self, start: Array, h: Array, controls: Array) -> tuple[Array, Array]:
-        """The path (steps + 1, n) and the slopes of all steps (4 steps, entries); controls (steps, 3, m)."""
-        walked, tape = call(accumulated(self.taped, len(h)), start, h, controls)
-        return np.vstack([start, walked]), tape
+    def taped_path(self, sweep: Sweep) -> tuple[Array, Array]:
+        """The path (steps + 1, n) and the slopes of all steps (4 steps, entries)."""
+        found, tape = call(accumulated(self.taped, len(sweep.h)), sweep.start, sweep.h, sweep.controls())
+        return np.vstack([sweep.start, found]), tape
 
-    def swept(self, sweep: Sweep) -> tuple[Array, Array]:
-        """The path (steps + 1, n) and the derivatives (stops, rows, m·size), by CasADi's own evaluation."""
-        path, tape = self.walked(sweep.start, sweep.h, sweep.controls())
+    def watched_along(self, path: Array) -> Array:
+        """What is watched at every point of a path, (k, …)."""
+        return call(mapped(self.watched, len(path)), path)[0] if self.watches else np.empty((len(path), 0))
+
+    def swept(self, sweep: Sweep) -> Swept:
+        """By CasADi's own evaluation."""
+        if not len(sweep.stops):
+            path = walked(self.rate, sweep)
+            derivatives = np.empty((0, self.rows, sweep.coefficients.size))
+            return Swept(path, derivatives, self.watched_along(path))
+        path, tape = self.taped_path(sweep)
         tape = tape.reshape(len(sweep.h), 4, self.entries)
         gradients = np.zeros((len(sweep.stops), self.rows, self.inputs, len(sweep.table)))
         places = self.costates.get_triplet()
@@ -152,7 +176,8 @@ class Scheme:
                     found[:, :, column] += values
         with np.errstate(all="ignore"):
             derivatives = gradients.reshape(-1, len(sweep.table)) @ sweep.table
-        return path, derivatives.reshape(len(sweep.stops), self.rows, -1)
+        derivatives = derivatives.reshape(len(sweep.stops), self.rows, -1)
+        return Swept(path, derivatives, self.watched_along(path))
 
     def _step_symbols(self) -> tuple[ca.SX, ca.SX, ca.SX]:
         return self._y, ca.SX.sym("h"), ca.SX.sym("u", self.inputs, 3)
@@ -172,10 +197,21 @@ def runge_kutta_step(rate: ca.Function) -> ca.Function:
     return ca.Function("step", [y, h, u], [ca.densify(following)], ["y", "h", "u"], ["next"])
 
 
+def walked(rate: ca.Function, sweep: Sweep) -> Array:
+    """The path alone, (steps + 1, n), by CasADi's own evaluation."""
+    step = accumulated(runge_kutta_step(rate), len(sweep.h))
+    return np.vstack([sweep.start, *call(step, sweep.start, sweep.h, sweep.controls())])
+
+
 @lru_cache(maxsize=64)
-def scheme(rate: ca.Function, linearised: ca.Function, observed: ca.Function | None) -> Scheme:
-    """The `Scheme` of these functions, made once."""
-    return Scheme(rate, linearised, observed)
+def scheme(dynamics: Dynamics) -> Scheme:
+    """The `Scheme` of a right-hand side, made once."""
+    return Scheme(dynamics)
+
+
+def differentiated(rate: ca.Function, y: ca.SX, u: ca.SX) -> ca.SX:
+    """[∂rate/∂y, ∂rate/∂u] by CasADi's AD."""
+    return ca.densify(ca.jacobian(rate(y, u), ca.vertcat(y, u)))
 
 
 def _stages(rate: ca.Function, y: ca.SX, h: ca.SX, u: ca.SX) -> tuple[ca.SX, list[ca.SX]]:

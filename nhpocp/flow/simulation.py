@@ -11,6 +11,7 @@ import numpy as np
 from nhpocp.arrays import Array
 from nhpocp.controls.control import Control
 from nhpocp.deferred import Deferred
+from nhpocp.flow.dynamics import Dynamics
 from nhpocp.flow.integrators import RungeKutta4, uniform_grid
 from nhpocp.objectives import INTEGRANDS, available
 from nhpocp.problem import PlanningProblem
@@ -72,10 +73,10 @@ def _costs(problem: PlanningProblem, control: Control, times: Array, path: Array
 
 def _path(problem: PlanningProblem, control: Control, steps: int) -> tuple[Array, Array]:
     """Times and states by RK4, the steps doubled until that no longer moves the end."""
-    rate, last = numeric_system(problem.system).rate_function, np.inf
+    dynamics, last = Dynamics(numeric_system(problem.system).rate_function), np.inf
     for doubling in range(DOUBLINGS + 1):
         times = uniform_grid(steps * 2**doubling, control.breakpoints, control.horizon)
-        flow = RungeKutta4().flow(rate, control.basis, control.horizon, times)
+        flow = RungeKutta4().flow(dynamics, control.basis, control.horizon, times)
         path = flow.states(problem.start_point, control.coefficients)
         if not np.isfinite(path).all() or np.abs(path[-1] - last).max() < CLOSE * (
             1.0 + np.abs(path[-1]).max()

@@ -7,10 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from nhpocp.arrays import Array
 from nhpocp.flow.kernel_cache import address
 from nhpocp.flow.kernel_source import LANES
-from nhpocp.flow.runge_kutta import Scheme, Sweep
+from nhpocp.flow.runge_kutta import Scheme, Sweep, Swept
 
 
 class SweepKernel:
@@ -21,11 +20,11 @@ class SweepKernel:
         self._sweep = library.nhpocp_sweep
         self._sweep.restype = None
         self._sweep.argtypes = [
-            ctypes.c_longlong if kind == "i" else ctypes.c_void_p for kind in "ippiipppippp"
+            ctypes.c_longlong if kind == "i" else ctypes.c_void_p for kind in "ippiipppipppp"
         ]
         self._scheme, self._work = scheme, np.zeros(0)
 
-    def swept(self, sweep: Sweep) -> tuple[Array, Array]:
+    def swept(self, sweep: Sweep) -> Swept:
         """As `Kernels.swept`."""
         scheme, steps, (count, size) = self._scheme, len(sweep.h), sweep.table.shape
         samples = LANES * -(-4 * steps // LANES)
@@ -37,6 +36,7 @@ class SweepKernel:
         path[0] = sweep.start
         stops = np.array(sweep.stops, dtype=np.int64)
         derivatives = np.empty((len(stops), size, scheme.rows, scheme.inputs))
+        watched = np.empty((steps + 1, scheme.watches))
         coefficients = np.array(sweep.coefficients, dtype=float, order="C")
         self._sweep(
             steps,
@@ -51,5 +51,7 @@ class SweepKernel:
             address(stops),
             address(self._work),
             address(derivatives),
+            address(watched),
         )
-        return path, derivatives.transpose(0, 2, 3, 1).reshape(len(stops), scheme.rows, -1)
+        derivatives = derivatives.transpose(0, 2, 3, 1).reshape(len(stops), scheme.rows, scheme.inputs * size)
+        return Swept(path, derivatives, watched)

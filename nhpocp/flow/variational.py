@@ -14,6 +14,7 @@ import numpy as np
 
 from nhpocp.arrays import Array, cross
 from nhpocp.controls.basis import ControlBasis
+from nhpocp.flow.dynamics import Dynamics
 from nhpocp.flow.integrators import Integrator
 from nhpocp.systems.system import System
 
@@ -57,7 +58,7 @@ class VariationalEquations:
         rate = ca.vertcat(system.rate(x, u), ca.vec(A @ M + B @ P), ca.vec(A @ D + D @ A.T + B @ B.T))
         # φ(t) is fed in as further inputs with the identity as their coefficients, so any integrator serves
         whole = ca.Function("variational", [y, w], [ca.densify(rate)])
-        self.flow = integrator.flow(whole, basis, horizon, times)
+        self.flow = integrator.flow(Dynamics(whole), basis, horizon, times)
 
     def states(self, start: Array, coefficients: Array) -> tuple[Array, Array, Array]:
         """Path x (k, n), Jacobians M along it (k, d, m·size) and Gram matrix D at its end (d, d)."""

@@ -8,12 +8,12 @@ import numpy as np
 
 from nhpocp.arrays import Array
 from nhpocp.controls.control import Control
+from nhpocp.flow.dynamics import dynamics
 from nhpocp.flow.end_point_map import grid_through, stops_of
 from nhpocp.flow.integrators import Integrator, RungeKutta4
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Outcome, Progress
 from nhpocp.solvers.continuation import Continuation, Found
-from nhpocp.systems.numeric import numeric_system
 from nhpocp.task import total_error
 
 FINER = 4  # times the steps of a claim, for the check
@@ -47,17 +47,17 @@ def begun_from(problem: PlanningProblem, control: Control) -> PlanningProblem:
 
 def missed(problem: PlanningProblem, control: Control, integrator: Integrator) -> float:
     """E over goal and via poses, with finer steps than a claim's."""
-    way, rate = finer(integrator), numeric_system(problem.system).rate_function
+    way = finer(integrator)
     shares, horizon = [task.share for task in problem.tasks[:-1]], control.horizon
     times = grid_through(way.grid(control.basis, horizon), shares, horizon)
-    path = way.flow(rate, control.basis, horizon, times).states(problem.start_point, control.coefficients)
+    flow = way.flow(dynamics(problem.system), control.basis, horizon, times)
+    path = flow.states(problem.start_point, control.coefficients)
     return total_error(problem.tasks, path[list(stops_of(times, shares, horizon))])
 
 
 def end_of(problem: PlanningProblem, control: Control, integrator: Integrator) -> Array:
     """Where a control leads, with finer steps than a claim's, as a point of the state space; NaN where it is none."""
-    rate = numeric_system(problem.system).rate_function
-    flow = finer(integrator).flow(rate, control.basis, control.horizon)
+    flow = finer(integrator).flow(dynamics(problem.system), control.basis, control.horizon)
     end = flow.end(problem.start_point, control.coefficients)
     return problem.system.state_space.nearest(end) if np.isfinite(end).all() else end
 

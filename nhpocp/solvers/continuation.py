@@ -7,6 +7,7 @@ The loop is written once; how long a step is (`StepRule`), how J is inverted (`G
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import chain
 from math import log
 from time import perf_counter
@@ -242,19 +243,15 @@ class _Run:
         if self.records and not self.records[-1]["accepted"]:
             self.records[-1] |= {"k": self.updates}  # it was a trial, and refused
         evaluation = self.evaluator(coefficients)
-        direction = evaluation.direction
         change = np.linalg.norm(coefficients - self.here.coefficients) if self.here else 0.0
         known = {
             "k": self.updates + (self.here is not None),
             "error": evaluation.error if np.isfinite(evaluation.error) else None,
             "step": float(change),
             "gamma": gamma,
-            "rank": direction.rank if direction else None,
-            "sigma_jacobian": float(direction.singular_values[-1]) if direction else None,
             "accepted": False,
         }
-        path = evaluation.end.path
-        self.records.append(Deferred(lambda: self.evaluator.margins(path), known))
+        self.records.append(Deferred(partial(self.evaluator.looked_at, evaluation), known))
         if self.progress:
             self.progress(self.records[-1])
         return evaluation
@@ -267,7 +264,7 @@ class _Run:
 
     def ended(self, here: Evaluation) -> tuple[Outcome, str] | None:
         """Whether the loop stops here, and with what sentence."""
-        k, error, direction = self.updates, here.error, here.direction
+        k, error = self.updates, here.error
         first, rows = self.records[0]["error"], sum(task.size for task in self.problem.tasks)
         if here.failure:
             return here.failure.outcome, f"Update {k}: {here.failure.sentence}"
@@ -276,6 +273,7 @@ class _Run:
                 sentence = f"E = {error:.3g} is below the tolerance, but {here.crossing.sentence}"
                 return here.crossing.outcome, sentence
             return Outcome.CONVERGED, f"E = {error:.3g} after {k} updates"
+        direction = here.direction
         lost = error > DIVERGED_ABOVE * (1 + first)
         deficient = direction is not None and direction.blocked
         if (lost or deficient) and here.crossing:

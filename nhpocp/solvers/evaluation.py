@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from nhpocp.arrays import Array
+from nhpocp.arrays import Array, length
 from nhpocp.errors import OrientationAtPiError
 from nhpocp.flow.end_point_map import EndPoint, EndPointMap
 from nhpocp.problem import PlanningProblem
@@ -35,14 +37,22 @@ class Evaluation:
     end: EndPoint
     error: float  # E; infinite where the end point is not finite or an orientation is at π
     vector: Array | None = None  # e, dimensionless (`EndPointError.vector`)
-    direction: Direction | None = None  # the full step; None where there is no error to reduce
+    jacobian: Array | None = None  # its derivative by λ
+    look: Callable[[Array, Array], Direction] | None = None  # e, J ↦ the direction
     failure: Trouble | None = None  # the end point is useless
     crossing: Trouble | None = None  # the path jumps across a surface that its equations cannot cross
+
+    @cached_property
+    def direction(self) -> Direction | None:
+        """The full step; None where there is no error to reduce."""
+        if self.look is None or self.vector is None or self.jacobian is None:
+            return None
+        return self.look(self.jacobian, self.vector)
 
     @property
     def merit(self) -> float:
         """|e| in the scale in which the direction was found; infinite where there is none."""
-        return float(np.linalg.norm(self.vector)) if self.vector is not None else np.inf
+        return length(self.vector) if self.vector is not None else np.inf
 
 
 class Evaluator:
@@ -60,7 +70,7 @@ class Evaluator:
 
     def __call__(self, coefficients: Array) -> Evaluation:
         end = self.map(coefficients)
-        determinants = self._determinants(end.path)
+        determinants = self._determinants(end)
         crossing = self._crossing(determinants)
         if not (np.isfinite(end.path).all() and np.isfinite(end.jacobian).all()):
             failure = crossing or self._vanishing(determinants) or self._overflow(end.path)
@@ -71,8 +81,15 @@ class Evaluator:
         except OrientationAtPiError as opposite:
             trouble = Trouble(Outcome.ORIENTATION_AT_PI, str(opposite))
             return Evaluation(coefficients, end, np.inf, failure=trouble)
-        direction = self.inverse(residual.jacobian, vector, self._metric(end))
-        return Evaluation(coefficients, end, error, vector, direction, crossing=crossing)
+        return Evaluation(
+            coefficients,
+            end,
+            error,
+            vector,
+            residual.jacobian,
+            lambda jacobian, vector: self.inverse(jacobian, vector, self._metric(end)),
+            crossing=crossing,
+        )
 
     def _metric(self, end: EndPoint) -> Coordinates:
         """How δλ is measured here."""
@@ -85,15 +102,22 @@ class Evaluator:
         own = self.inverse.metric(LinearisedPath(self.map.times, variations, problem.basis, inputs))
         return self.metric if own is None else Coordinates(own)
 
-    def margins(self, path: Array) -> dict[str, float | None]:
-        """The least σ of every regularity matrix along the finite part of a path."""
-        found = self.numeric.sigmas(_finite(path), self.problem.scale)
-        return {name: _least(values) for name, values in found.items()}
+    def looked_at(self, evaluation: Evaluation) -> dict[str, float | None]:
+        """What only a reader of a record asks for: J's rank, the least σ of it and of every regularity matrix."""
+        direction, found = evaluation.direction, {}
+        if len(finite := _finite(evaluation.end.path)):
+            found = self.numeric.sigmas(finite, self.problem.scale)
+        return {
+            "rank": direction.rank if direction else None,
+            "sigma_jacobian": float(direction.singular_values[-1]) if direction else None,
+            **{name: _least(values) for name, values in found.items()},
+        }
 
-    def _determinants(self, path: Array) -> dict[str, Array]:
+    def _determinants(self, end: EndPoint) -> dict[str, Array]:
         """Of the matrices that the equations divide by; undefined counts as zero (a leg along its own w4 has no w3)."""
-        found = self.numeric.breaking(_finite(path))
-        return {name: np.nan_to_num(values, nan=0.0) for name, values in found.items()}
+        finite = np.isfinite(end.path).all(axis=1)
+        found = self.numeric.breaking(end.watched if finite.all() else end.watched[finite])
+        return {name: np.where(np.isnan(values), 0.0, values) for name, values in found.items()}
 
     def _crossing(self, determinants: dict[str, Array]) -> Trouble | None:
         """The first change of sign of a determinant that the equations divide by."""

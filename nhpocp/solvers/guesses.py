@@ -13,6 +13,7 @@ from nhpocp.controls.control import Control
 from nhpocp.controls.piecewise_constant import PiecewiseConstant
 from nhpocp.controls.projection import project
 from nhpocp.errors import InvalidProblemError, OrientationAtPiError
+from nhpocp.flow.dynamics import Dynamics
 from nhpocp.flow.end_point_map import DifferentiatedEndPointMap
 from nhpocp.flow.integrators import RungeKutta4
 from nhpocp.problem import Horizon, PlanningProblem
@@ -94,24 +95,28 @@ def follow(
 def meets(problem: PlanningProblem, control: Control, intervals: int, steps: int) -> Array:
     """States (tasks, size) at the times of the problem's tasks, on the same path, the last step to one cut short."""
     times, states = _walk(problem, control, intervals * steps)
-    rate, points = numeric_system(problem.system).rate_function, []
+    points = []
     for task in problem.tasks:
         time = task.share * control.horizon
         before = int(np.searchsorted(times, time + 1e-9 * control.horizon)) - 1
         point = states[before]
         if time - times[before] > 1e-9 * control.horizon:
             last = np.array([times[before], time])
-            flow = RungeKutta4().flow(rate, control.basis, control.horizon, last)
+            flow = RungeKutta4().flow(_dynamics(problem), control.basis, control.horizon, last)
             point = flow.end(point, control.coefficients)
         points.append(point)
     return np.array(points)
 
 
+def _dynamics(problem: PlanningProblem) -> Dynamics:
+    """For paths alone, which no kernel is worth."""
+    return Dynamics(numeric_system(problem.system).rate_function)
+
+
 def _walk(problem: PlanningProblem, control: Control, steps: int) -> tuple[Array, Array]:
     """Times and states of one path by RK4 with equal steps."""
     times = np.linspace(0.0, control.horizon, steps + 1)
-    rate = numeric_system(problem.system).rate_function
-    flow = RungeKutta4().flow(rate, control.basis, control.horizon, times)
+    flow = RungeKutta4().flow(_dynamics(problem), control.basis, control.horizon, times)
     return times, flow.states(problem.start_point, control.coefficients)
 
 

@@ -13,7 +13,6 @@ from nhpocp.flow.cost_map import cost_map
 from nhpocp.flow.integrators import Integrator
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Outcome
-from nhpocp.solvers.end_point_error import EndPointError
 from nhpocp.solvers.evaluation import Evaluation
 from nhpocp.solvers.generalized_inverses import L2Metric
 from nhpocp.solvers.multipliers import rounds
@@ -156,10 +155,10 @@ class Improvement:
 
     def _constraint(self, y: Array) -> tuple[Array, Array] | None:
         tried = self.attempt(self._coefficients(y))
-        if tried is None or tried.failure or tried.crossing or tried.vector is None:
+        if tried is None or tried.failure or tried.crossing or tried.vector is None or tried.jacobian is None:
             return None
         self._last = y, tried.end.path
-        return tried.vector, EndPointError(self.problem, tried.end).jacobian @ self._unscale
+        return tried.vector, tried.jacobian @ self._unscale
 
     def _distance(self, y: Array) -> tuple[float, Array]:
         """∫ |u - u_reached|² dt."""

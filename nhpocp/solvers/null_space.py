@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from nhpocp.arrays import Array
+from nhpocp.arrays import Array, length
 
 Constraint = Callable[[Array], tuple[Array, Array] | None]  # y ↦ (e, J), None where the path cannot be used
 Cost = Callable[[Array], tuple[float, Array]]  # y ↦ (f, ∇f)
@@ -99,9 +99,9 @@ def minimise(
     history: list[dict[str, Any]] = []
     idle = 0
     for k in range(most):
-        history.append({"k": k, "cost": point.f, "optimality": float(np.linalg.norm(point.residual))})
+        history.append({"k": k, "cost": point.f, "optimality": length(point.residual)})
         step = point.step(model)
-        slope = max(1.0, float(np.linalg.norm(point.gradient)))
+        slope = max(1.0, length(point.gradient))
         try:
             if history[-1]["optimality"] < tolerance * slope or step.promised <= NOTHING * abs(point.merit):
                 search.settle(point)
@@ -234,7 +234,7 @@ class _Search:
             if evaluated is None:
                 return None
             e, J = evaluated
-            size, back = float(np.linalg.norm(e)), np.linalg.lstsq(J, e, rcond=None)[0]
+            size, back = length(e), np.linalg.lstsq(J, e, rcond=None)[0]
             if size < self.goal or (near and size < far and near(back)):
                 return self._point(y, e, J)
             if size > min(0.5 * last, far):
@@ -255,9 +255,9 @@ class _Search:
         On a strongly curved surface the model promises steps that lead nowhere; none is tried that is more than
         ``REACH`` times as long as the last that was kept.
         """
-        length = float(np.linalg.norm(step.along))
-        reach = self.reach or FIRST_REACH * (1.0 + float(np.linalg.norm(point.y)))
-        share = min(1.0, reach / length) if length > 0 else 1.0
+        size = length(step.along)
+        reach = self.reach or FIRST_REACH * (1.0 + length(point.y))
+        share = min(1.0, reach / size) if size > 0 else 1.0
         for _ in range(HALVINGS):
             least = 1e-4 * share * step.promised - NOISE * abs(point.merit)
             y = point.y + step.normal + share * step.along
@@ -265,7 +265,7 @@ class _Search:
             if there and self.gain(point, there) < least and not self._on_surface(there):
                 there = self.restored(there.y, seen=there)  # the price may have been wrong
             if there and self.gain(point, there) >= least:
-                self.reach = REACH * share * length
+                self.reach = REACH * share * size
                 if self._on_surface(there):
                     self.kept = there
                 return there
@@ -277,7 +277,7 @@ class _Search:
         return point.merit - there.merit + float(point.mu @ (point.e - there.e))
 
     def _on_surface(self, point: _Point) -> bool:
-        return float(np.linalg.norm(point.e)) < self.goal
+        return length(point.e) < self.goal
 
     def result(self, converged: bool, history: list[dict[str, Any]], hessian: Array) -> NullSpaceResult:
         """What was kept."""
@@ -285,13 +285,13 @@ class _Search:
         if point is None:
             raise RuntimeError("a search that has not begun")
         rows = self.penalty.shift - point.excess if self.penalty else point.excess
-        sizes = float(np.linalg.norm(point.residual)), float(np.linalg.norm(point.e))
+        sizes = length(point.residual), length(point.e)
         return NullSpaceResult(point.y, point.f, *sizes, converged, self.evaluations, history, hessian, rows)
 
 
 def _near_enough(step: _Step, share: float, back: Array) -> bool:
     """Whether a step may end beside the surface, Newton's way back left to the next one."""
-    short = float(np.linalg.norm(back)) < BESIDE * share * float(np.linalg.norm(step.along))
+    short = length(back) < BESIDE * share * length(step.along)
     return short and 0.5 * float(back @ step.hessian @ back) < BESIDE * share * step.promised
 
 

@@ -19,6 +19,7 @@ from nhpocp.calls import call, mapped
 from nhpocp.constraints import Bound, BoundReport, check_bounds
 from nhpocp.controls.basis import ControlBasis
 from nhpocp.controls.control import Control
+from nhpocp.flow.dynamics import Dynamics
 from nhpocp.flow.integrators import RungeKutta4, uniform_grid
 from nhpocp.objectives import quantity
 from nhpocp.problem import PlanningProblem
@@ -48,14 +49,13 @@ class PathRows:
         numeric = numeric_system(problem.system)
         self.problem, self.basis, self.horizon, self.numeric = problem, basis, horizon, numeric
         # whatever integrates the paths: these derivatives only steer
-        self._flow = RungeKutta4().flow(
-            numeric.rate_function, basis, horizon, times, numeric.linearised_function
-        )
+        whole = Dynamics(numeric.rate_function, numeric.linearised_function)
+        self._flow = RungeKutta4().flow(whole, basis, horizon, times)
         self._samples = _Samples(times, basis, horizon)
         self._families: list[_Family] = [_family(bound, problem) for bound in problem.bounds]
         steps = max(FINE_STEPS, FINER * (len(times) - 1))
         fine = uniform_grid(steps, basis.breakpoints(horizon), horizon)
-        self._fine_flow = RungeKutta4().flow(numeric.rate_function, basis, horizon, fine)
+        self._fine_flow = RungeKutta4().flow(Dynamics(numeric.rate_function), basis, horizon, fine)
         self._fine = _Samples(fine, basis, horizon)
         self._nearest = self._samples.nearest(self._fine)
 
@@ -69,8 +69,8 @@ class PathRows:
 
     def derivatives(self, coefficients: Array) -> Array:
         """∂g/∂λ, samples × columns × (inputs · size)."""
-        path, sensitivities = self._flow.sensitivity(
-            self.problem.start_point, coefficients, tuple(range(len(self._flow.times)))
+        path, sensitivities, _ = self._flow.sensitivity(
+            self.problem.start_point, coefficients, range(len(self._flow.times))
         )
         samples = self._samples
         states, controls = path[samples.places], samples.table @ coefficients.T

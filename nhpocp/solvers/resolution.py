@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from nhpocp.arrays import Array
-from nhpocp.flow.integrators import Integrator, RungeKutta4
+from nhpocp.flow.dynamics import dynamics
+from nhpocp.flow.integrators import Flow, Integrator, RungeKutta4
 from nhpocp.problem import PlanningProblem
-from nhpocp.systems.numeric import numeric_system
 
 RICHARDSON = 15.0  # 2⁴ - 1: a step of order 4 with half the steps is wrong by so much more
 
@@ -21,9 +23,10 @@ class Resolution:
 
     def __init__(self, problem: PlanningProblem, integrator: Integrator, horizon: float) -> None:
         self._problem = problem
-        steps = integrator.steps if isinstance(integrator, RungeKutta4) else 0
-        rate = numeric_system(problem.system).rate_function
-        self._coarse = RungeKutta4(max(1, steps // 2)).flow(rate, problem.basis, horizon) if steps else None
+        self._coarse: Flow | None = None
+        if isinstance(integrator, RungeKutta4):
+            half = replace(integrator, steps=max(1, integrator.steps // 2))
+            self._coarse = half.flow(dynamics(problem.system), problem.basis, horizon)
 
     def error(self, coefficients: Array, end: Array) -> float:
         """Of the end point ``end`` (packed) under a control; infinite where the coarse path has no end."""

@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
-from nhpocp.arrays import Array
+from nhpocp.arrays import Array, length
 from nhpocp.solvers.evaluation import Evaluation
 
 Evaluate = Callable[[Array, float], Evaluation]  # (coefficients, γ that led there) ↦ the evaluation, recorded
@@ -72,19 +72,19 @@ class Adaptive:
         smallest = 1e-7 * radius
         while radius > smallest and here.direction is not None and here.vector is not None:
             step, image = here.direction.within(radius)
-            promised = here.merit - float(np.linalg.norm(here.vector + image))
+            promised = here.merit - length(here.vector + image)
             if not promised > 1e-9 * here.merit:
                 return
-            length = here.direction.length(step)
+            size = here.direction.length(step)
             trial = evaluate(here.coefficients + step.reshape(here.coefficients.shape), promised / here.merit)
             if trial.failure or trial.crossing:
-                radius = 0.25 * min(radius, length)
+                radius = 0.25 * min(radius, size)
                 continue
             kept = (here.merit - trial.merit) / promised
             if kept < 0.25:
-                radius = (0.5 if kept > 0 else 0.25) * min(radius, length)
+                radius = (0.5 if kept > 0 else 0.25) * min(radius, size)
             elif kept > 0.75:
-                radius = max(radius, 2.5 * length)
+                radius = max(radius, 2.5 * size)
             if kept > 0.05:
                 here = trial
                 yield here

@@ -13,6 +13,8 @@ from nhpocp.arrays import Array
 from nhpocp.calls import call, mapped
 from nhpocp.systems.system import System
 
+EXPANDED = 3  # the largest matrix whose determinant is written out; others are eliminated, with pivots
+
 Expression = Callable[..., Any]  # (system, x, u, parameters) ↦ the expression
 
 
@@ -62,9 +64,11 @@ class NumericSystem:
         return self._function("regularity", self._matrices(tuple(self.system.regularity(self._state))))
 
     @cached_property
-    def _breaking(self) -> tuple[ca.Function, dict[str, tuple[int, int]]]:
-        found = self._matrices(self.system.breaking())
-        return self._function("breaking", {name: _expanded(matrix) for name, matrix in found.items()})
+    def breaking_function(self) -> ca.Function:
+        """x ↦ what `breaking` makes determinants of, a column: those of small matrices, the entries of others."""
+        matrices = self._matrices(self.system.breaking()).values()
+        columns = [ca.det(m) if m.size1() <= EXPANDED else ca.vec(m.T) for m in matrices]
+        return ca.Function("breaking", [self._state], ca.cse([ca.densify(ca.vertcat(ca.SX(0, 1), *columns))]))
 
     def _matrices(self, names: Sequence[str]) -> dict[str, ca.SX]:
         matrices = self.system.regularity(self._state)
@@ -90,11 +94,23 @@ class NumericSystem:
         """det of every regularity matrix at samples, (k,) each."""
         return {name: _determinant(matrices) for name, matrices in self.regularity(states).items()}
 
-    def breaking(self, states: Array) -> dict[str, Array]:
-        """The same for the matrices alone that the equations invert, `System.breaking`."""
-        controls = np.zeros((len(states), self.system.input_space.size))
-        found = _evaluate(*self._breaking, states, controls)
-        return {name: _determinant(values) if values.ndim == 3 else values for name, values in found.items()}
+    def breaking(self, numbers: Array) -> dict[str, Array]:
+        """The same for the matrices alone that the equations invert, `System.breaking`.
+
+        numbers: of `breaking_function` at samples, (k, …).
+        """
+        found, first = {}, 0
+        for name, size in self._breaking_sizes.items():
+            if size <= EXPANDED:
+                found[name], first = numbers[:, first], first + 1
+            else:
+                entries = numbers[:, first : first + size * size]
+                found[name], first = _determinant(entries.reshape(-1, size, size)), first + size * size
+        return found
+
+    @cached_property
+    def _breaking_sizes(self) -> dict[str, int]:
+        return {name: m.size1() for name, m in self._matrices(self.system.breaking()).items()}
 
     def sigmas(self, states: Array, length_scale: float) -> dict[str, Array]:
         """sigma_* of every regularity matrix at samples: its least singular value, rotations divided by a length."""
@@ -143,11 +159,6 @@ def _least_singular_value(matrices: Array) -> Array:
     finite = np.isfinite(matrices).all(axis=(1, 2))
     values = np.linalg.svd(np.where(finite[:, None, None], matrices, 0.0), compute_uv=False)
     return np.where(finite, values[:, -1], np.nan)
-
-
-def _expanded(matrix: ca.SX) -> ca.SX:
-    """det of a small matrix, written out; a larger one as it is, for an elimination with pivots."""
-    return ca.det(matrix) if matrix.size1() <= 3 else matrix
 
 
 def _determinant(matrices: Array) -> Array:

@@ -1,0 +1,46 @@
+"""What a flow is made of: a right-hand side, and what is wanted of the paths under it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import casadi as ca
+
+from nhpocp.state_space import StateSpace
+from nhpocp.systems.numeric import numeric_system
+from nhpocp.systems.system import System
+
+
+@dataclass(frozen=True, eq=False)
+class Dynamics:
+    """ẏ = rate(y, u), y ∈ R^n, u ∈ R^m, as CasADi functions.
+
+    linearised: (y, u) ↦ [∂rate/∂y, ∂rate/∂u], n × (n + m), where a cheaper one than CasADi's AD finds is known.
+    observed: y ↦ matrix (rows × n), by which dy/dλ is multiplied; None: all of it. Few rows are cheap.
+    watched: y ↦ numbers (k,) that are wanted at every point of a path; None: none.
+    """
+
+    rate: ca.Function
+    linearised: ca.Function | None = None
+    observed: ca.Function | None = None
+    watched: ca.Function | None = None
+
+
+@lru_cache(maxsize=64)
+def dynamics(system: System) -> Dynamics:
+    """A system's own: tangent numbers of dy/dλ, and the determinants that its equations divide by."""
+    numeric = numeric_system(system)
+    return Dynamics(
+        numeric.rate_function,
+        numeric.linearised_function,
+        _lower(system.state_space),
+        numeric.breaking_function,
+    )
+
+
+@lru_cache(maxsize=32)
+def _lower(space: StateSpace) -> ca.Function:
+    """A packed point ↦ the matrix (dimension × size) that takes its rate to tangent numbers."""
+    x, rate = ca.SX.sym("x", space.size), ca.SX.sym("rate", space.size)
+    return ca.Function("lower", [x], [ca.densify(ca.jacobian(space.lower(x, rate), rate))])
