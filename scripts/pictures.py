@@ -11,6 +11,9 @@ import subprocess
 import tempfile
 from pathlib import Path
 
+import functional_flow
+from goals import paper_task
+
 import nhpocp
 from nhpocp.views import figures
 
@@ -29,6 +32,14 @@ def main() -> None:
             figure.savefig(PICTURES / f"{name}_{picture}.png", dpi=110, metadata={"Software": None})
         if name == "paper":
             photograph_report(problem)
+    draw_functional_flow()
+
+
+def draw_functional_flow() -> None:
+    problem = paper_task("default")
+    times, values = functional_flow.functional_flow(problem)
+    found = {n: functional_flow.coefficient_flow(problem, n) for n in functional_flow.INTERVALS}
+    functional_flow.draw(PICTURES / "functional_flow.png", times, values, found)
 
 
 def photograph_report(problem: nhpocp.PlanningProblem) -> None:

@@ -26,6 +26,12 @@ class Dynamics:
     observed: ca.Function | None = None
     watched: ca.Function | None = None
 
+    @property
+    def functions(self) -> list[ca.Function]:
+        """Those that are given."""
+        every = (self.rate, self.linearised, self.observed, self.watched)
+        return [function for function in every if function is not None]
+
 
 @lru_cache(maxsize=64)
 def dynamics(system: System) -> Dynamics:

@@ -14,9 +14,10 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
+from types import ModuleType
 from typing import Any, Generic, TypeVar
 
 import casadi as ca
@@ -173,6 +174,14 @@ def agree(found: Sequence[Array], expected: Sequence[Array]) -> bool:
             np.allclose(a, b, rtol=0.0, atol=CLOSE * np.nanmax(np.abs(b), initial=1e-300), equal_nan=True)
             for a, b in zip(found, expected, strict=True)
         )
+
+
+def identified(parts: Iterable[ca.Function], recipe: Iterable[ModuleType]) -> str:
+    """A name for the C text that these modules make of functions, far cheaper than the text itself."""
+    digest = hashlib.sha256()
+    for module in recipe:
+        digest.update(Path(str(module.__file__)).read_bytes())
+    return " ".join([digest.hexdigest(), *(part.serialize() for part in parts)])
 
 
 def address(array: Array) -> int:

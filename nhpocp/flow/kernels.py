@@ -10,7 +10,7 @@ from time import perf_counter
 from typing import Protocol, TypeVar
 
 from nhpocp.arrays import Array
-from nhpocp.flow import kernel_source, shot_source
+from nhpocp.flow import kernel_source, shot_source, sweep_kernel
 from nhpocp.flow.kernel_cache import Place, agree
 from nhpocp.flow.runge_kutta import Scheme, Sweep, Swept
 from nhpocp.flow.shot import Shot, Shots
@@ -101,8 +101,11 @@ class CompiledWhenReady(_Way):
 
 @lru_cache(maxsize=64)
 def _of_sweeps(scheme: Scheme) -> Place[SweepKernel]:
-    made = lru_cache(maxsize=1)(lambda: kernel_source.c_source(scheme))  # its own identity
-    return Place(made, made, lambda path: SweepKernel(scheme, path))
+    return Place(
+        lambda: sweep_kernel.identity(scheme),
+        lambda: kernel_source.c_source(scheme),
+        lambda path: SweepKernel(scheme, path),
+    )
 
 
 @dataclass(frozen=True)

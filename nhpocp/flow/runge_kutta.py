@@ -58,6 +58,7 @@ class Scheme:
     """CasADi functions of one step, for f: n numbers, m inputs. Matrices are passed by columns."""
 
     def __init__(self, dynamics: Dynamics) -> None:
+        self.functions = dynamics.functions
         self.rate = rate = dynamics.rate
         linearised, observed, watched = dynamics.linearised, dynamics.observed, dynamics.watched
         self.size, self.inputs = rate.size1_in(0), rate.size1_in(1)

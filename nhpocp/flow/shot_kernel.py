@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
@@ -15,18 +14,15 @@ import numpy as np
 from nhpocp.arrays import Array
 from nhpocp.calls import call, mapped
 from nhpocp.flow import kernel_source, shot_source
-from nhpocp.flow.kernel_cache import address, agree
+from nhpocp.flow.kernel_cache import address, agree, identified
 from nhpocp.flow.shot import Shot
 
 _ORDER = ("w", "p", "sigma", "multipliers", "cost", "outputs", "gradient", "jacobian", "hessian")
 
 
 def identity(shot: Shot) -> str:
-    """All that the C text depends on: the parts, and what makes a text of them; far cheaper than the text."""
-    recipe = hashlib.sha256()
-    for module in (shot_source, kernel_source):
-        recipe.update(Path(str(module.__file__)).read_bytes())
-    return " ".join([recipe.hexdigest(), *(part.serialize() for part in shot.parts)])
+    """All that the C text depends on."""
+    return identified(shot.parts, (shot_source, kernel_source))
 
 
 class ShotKernel:

@@ -7,9 +7,15 @@ from pathlib import Path
 
 import numpy as np
 
-from nhpocp.flow.kernel_cache import address
+from nhpocp.flow import kernel_source, runge_kutta
+from nhpocp.flow.kernel_cache import address, identified
 from nhpocp.flow.kernel_source import LANES
 from nhpocp.flow.runge_kutta import Scheme, Sweep, Swept
+
+
+def identity(scheme: Scheme) -> str:
+    """All that the C text depends on."""
+    return identified(scheme.functions, (kernel_source, runge_kutta))
 
 
 class SweepKernel:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Mapping
 from typing import Any
@@ -47,6 +48,15 @@ def to_json(solution: Solution) -> dict[str, Any]:
         "environment": environment(solution.settings.get("plugin")),
     }
     return plain(data)
+
+
+def as_text(data: Mapping[str, Any]) -> str:
+    """Strict JSON, a line for each of the document's keys; a line for each number would be no reading either."""
+    lines = [
+        f"{json.dumps(key)}: {json.dumps(value, allow_nan=False, ensure_ascii=False)}"
+        for key, value in data.items()
+    ]
+    return "{\n" + ",\n".join(lines) + "\n}\n"
 
 
 def plain(value: Any) -> Any:

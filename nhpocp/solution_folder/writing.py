@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import shutil
 from collections.abc import Callable
@@ -13,7 +12,7 @@ import numpy as np
 
 from nhpocp.problem_file import dump_problem
 from nhpocp.solution import Solution
-from nhpocp.solution_folder.plain_data import to_json
+from nhpocp.solution_folder.plain_data import as_text, to_json
 from nhpocp.solution_folder.tables import write_iterations, write_trajectory
 from nhpocp.solution_folder.target import check_target, real_target, replace, scratch_folder, unwritable
 from nhpocp.solvers.interruption import Interruption
@@ -63,8 +62,7 @@ def _save(solution: Solution, target: Path, pictures: Pictures | None, trace: bo
 def _write(solution: Solution, folder: Path, trace: bool) -> None:
     problem = dump_problem(solution.problem, {solution.solver: solution.settings})
     (folder / "problem.yaml").write_text(problem, encoding="utf-8")
-    text = json.dumps(to_json(solution), indent=1, allow_nan=False, ensure_ascii=False)
-    (folder / "solution.json").write_text(text + "\n", encoding="utf-8")
+    (folder / "solution.json").write_text(as_text(to_json(solution)), encoding="utf-8")
     arrays: dict[str, Any] = {name: np.asarray(values) for name, values in solution.trajectory.items()}
     np.savez_compressed(folder / "arrays.npz", **arrays)
     write_trajectory(solution, folder / "trajectory.csv")

@@ -104,13 +104,11 @@ class Evaluator:
 
     def looked_at(self, evaluation: Evaluation) -> dict[str, float | None]:
         """What only a reader of a record asks for: J's rank, the least σ of it and of every regularity matrix."""
-        direction, found = evaluation.direction, {}
-        if len(finite := _finite(evaluation.end.path)):
-            found = self.numeric.sigmas(finite, self.problem.scale)
+        direction, finite = evaluation.direction, _finite(evaluation.end.path)
         return {
             "rank": direction.rank if direction else None,
             "sigma_jacobian": float(direction.singular_values[-1]) if direction else None,
-            **{name: _least(values) for name, values in found.items()},
+            **(self.numeric.least_sigmas(finite, self.problem.scale) if len(finite) else {}),
         }
 
     def _determinants(self, end: EndPoint) -> dict[str, Array]:
@@ -152,8 +150,3 @@ def _finite(path: Array) -> Array:
 
 def _trouble(name: str, words: str) -> Trouble:
     return Trouble(SINGULAR.get(name, Outcome.NOT_FINITE), f"det {name.upper()} {words}")
-
-
-def _least(values: Array) -> float | None:
-    finite = values[np.isfinite(values)]
-    return float(finite.min()) if finite.size else None

@@ -13,6 +13,7 @@ from nhpocp.arrays import Array
 from nhpocp.calls import call, mapped
 from nhpocp.systems.system import System
 
+ROUNDING = 1e-12  # of a matrix: what its determinant may be wrong by, for each of its other values
 EXPANDED = 3  # the largest matrix whose determinant is written out; others are eliminated, with pivots
 
 Expression = Callable[..., Any]  # (system, x, u, parameters) ↦ the expression
@@ -119,6 +120,13 @@ class NumericSystem:
             for name, matrices in self.regularity(states).items()
         }
 
+    def least_sigmas(self, states: Array, length_scale: float) -> dict[str, float | None]:
+        """The least of each along samples; None where none is finite."""
+        return {
+            f"sigma_{name}": _least_along(matrices / self.system.column_scales(name, length_scale))
+            for name, matrices in self.regularity(states).items()
+        }
+
     def margins(self, states: Array, length_scale: float) -> dict[str, Array]:
         """The same and det_* of every regularity matrix."""
         determinants = {f"det_{name}": values for name, values in self.determinants(states).items()}
@@ -159,6 +167,24 @@ def _least_singular_value(matrices: Array) -> Array:
     finite = np.isfinite(matrices).all(axis=(1, 2))
     values = np.linalg.svd(np.where(finite[:, None, None], matrices, 0.0), compute_uv=False)
     return np.where(finite, values[:, -1], np.nan)
+
+
+def _least_along(matrices: Array) -> float | None:
+    """The least singular value of all of (k, r, r) that are finite.
+
+    σ_min ≥ |det| / (|A|²/(r - 1))^{(r-1)/2}, since the other values' product is largest where they are equal: most
+    matrices are thereby seen to have a larger one than that which looks worst.
+    """
+    finite = matrices[np.isfinite(matrices).all(axis=(1, 2))]
+    if not len(finite):
+        return None
+    others = finite.shape[1] - 1
+    size = np.sqrt(np.einsum("kij,kij->k", finite, finite) / max(others, 1))
+    with np.errstate(all="ignore"):
+        bounds = np.nan_to_num(np.abs(_determinant(finite)) / size**others, nan=0.0)
+    least = np.linalg.svd(finite[bounds.argmin()], compute_uv=False)[-1]
+    doubtful = finite[bounds <= least + ROUNDING * size]
+    return float(np.min(np.linalg.svd(doubtful, compute_uv=False)[:, -1], initial=least))
 
 
 def _determinant(matrices: Array) -> Array:
