@@ -7,7 +7,8 @@ from conftest import PAPER_START
 
 from nhpocp.controls.fourier import Fourier
 from nhpocp.flow.dynamics import Dynamics
-from nhpocp.flow.integrators import CasadiRungeKutta, Cvodes, RungeKutta4, runge_kutta_step, uniform_grid
+from nhpocp.flow.integrators import CasadiRungeKutta, Cvodes, RungeKutta4, uniform_grid
+from nhpocp.flow.runge_kutta import runge_kutta_step
 from nhpocp.systems.numeric import NumericSystem
 
 INTEGRATORS = [RungeKutta4(), CasadiRungeKutta(), Cvodes()]
@@ -61,7 +62,7 @@ def test_runge_kutta_has_order_four_and_the_known_errors(problem):
 
 def test_sensitivity_is_the_derivative(integrator, problem):
     flow = integrator.flow(Dynamics(rate_of(problem)), problem.basis, 1.0)
-    states, jacobian = flow.sensitivity(problem.start_point, PAPER_START)
+    states, jacobian, _ = flow.sensitivity(problem.start_point, PAPER_START)
     np.testing.assert_allclose(states[-1], flow.end(problem.start_point, PAPER_START), atol=1e-9)
     step = 1e-4
     for column in (0, 3, 7, 14):
@@ -76,7 +77,7 @@ def test_sensitivity_at_stops_is_that_of_shorter_flows(integrator, problem):
     """dy/dλ half way through is what a flow that ends there would give."""
     flow = integrator.flow(Dynamics(rate_of(problem)), problem.basis, 1.0)
     half = int(np.abs(flow.times - 0.5).argmin())
-    states, jacobians = flow.sensitivity(problem.start_point, PAPER_START, (half, -1))
+    states, jacobians, _ = flow.sensitivity(problem.start_point, PAPER_START, (half, -1))
     assert jacobians.shape == (2, 12, 15)
     column, step = 7, 1e-4
     change = np.zeros(15)
@@ -98,7 +99,7 @@ def test_own_chain_equals_casadi_differentiating_the_whole(problem):
     for h, *functions in zip(np.diff(times), *tables, strict=True):
         end = step(end, h, coefficients @ np.array(functions).T)
     whole = ca.Function("whole", [vector], [ca.jacobian(end, vector)])
-    _, own = integrator.flow(Dynamics(rate_of(problem)), problem.basis, 1.0).sensitivity(
+    _, own, _ = integrator.flow(Dynamics(rate_of(problem)), problem.basis, 1.0).sensitivity(
         problem.start_point, PAPER_START
     )
     np.testing.assert_allclose(own[-1], np.array(whole(PAPER_START.ravel())), atol=1e-12)
@@ -109,7 +110,7 @@ def test_cvodes_is_right_where_parameters_outnumber_outputs(problem):
     basis = Fourier(8)
     coefficients = np.pad(PAPER_START, ((0, 0), (0, basis.size - 5)))
     flows = [way.flow(Dynamics(rate_of(problem)), basis, 1.0) for way in (Cvodes(steps=2), RungeKutta4(800))]
-    (_, jacobian), (_, exact) = (flow.sensitivity(problem.start_point, coefficients) for flow in flows)
+    (_, jacobian, _), (_, exact, _) = (flow.sensitivity(problem.start_point, coefficients) for flow in flows)
     np.testing.assert_allclose(jacobian, exact, atol=1e-7 * np.abs(exact).max())
 
 

@@ -229,7 +229,7 @@ def made_of(c_source, numbers) -> str:
     if numbers is shots:
         return c_source(transcribed(LINEAR, Interpreted()).interval.shot)
     numeric = numeric_system(paper_problem().system)
-    return c_source(Scheme(numeric.rate_function, numeric.linearised_function, None))
+    return c_source(Scheme(Dynamics(numeric.rate_function, numeric.linearised_function)))
 
 
 @KINDS

@@ -107,6 +107,13 @@ def minimise(
                 search.settle(point)
                 return search.result(True, history, model)
             there = search.along(point, step)
+            if there is None and not search.on_surface(
+                point
+            ):  # too far beside it for steps that have become short
+                back = search.restored(point.y, seen=point)
+                if back:
+                    point = back
+                    continue
         except LimitReached:  # what was found so far is kept
             return search.result(False, history, model)
         if there is None and not fresh:  # the model was at fault: begin again from its exact part
@@ -208,7 +215,7 @@ class _Search:
 
     def settle(self, point: _Point) -> None:
         """Keeps a point, brought all the way to the surface; what was kept before, if that fails or costs more."""
-        found = point if self._on_surface(point) else self.restored(point.y, seen=point)
+        found = point if self.on_surface(point) else self.restored(point.y, seen=point)
         if found and (self.kept is None or found.merit <= self.kept.merit):
             self.kept = found
 
@@ -262,11 +269,11 @@ class _Search:
             least = 1e-4 * share * step.promised - NOISE * abs(point.merit)
             y = point.y + step.normal + share * step.along
             there = self.restored(y, near=partial(_near_enough, step, share))
-            if there and self.gain(point, there) < least and not self._on_surface(there):
+            if there and self.gain(point, there) < least and not self.on_surface(there):
                 there = self.restored(there.y, seen=there)  # the price may have been wrong
             if there and self.gain(point, there) >= least:
                 self.reach = REACH * share * size
-                if self._on_surface(there):
+                if self.on_surface(there):
                     self.kept = there
                 return there
             share *= 0.5
@@ -276,7 +283,7 @@ class _Search:
         """How much less there costs, with what is left of e at the multipliers' price."""
         return point.merit - there.merit + float(point.mu @ (point.e - there.e))
 
-    def _on_surface(self, point: _Point) -> bool:
+    def on_surface(self, point: _Point) -> bool:
         return length(point.e) < self.goal
 
     def result(self, converged: bool, history: list[dict[str, Any]], hessian: Array) -> NullSpaceResult:
