@@ -145,7 +145,7 @@ def test_other_systems_and_whole_derivatives(cache):
         RungeKutta4(13, way).flow(Dynamics(numeric.rate_function), Fourier(3), 2.0)
         for way in (Compiled(), Interpreted())
     ]
-    (path, derivative), (_, expected) = (
+    (path, derivative, _), (_, expected, _) = (
         flow.sensitivity(np.array([1.0, 2.0]), np.arange(14.0).reshape(2, 7)) for flow in flows
     )
     np.testing.assert_allclose(derivative, expected, atol=1e-12)
