@@ -12,11 +12,12 @@ import tempfile
 from pathlib import Path
 
 import nhpocp
-from nhpocp.views import figures
+from nhpocp.views import analysis_figures, figures
 
 ROOT = Path(__file__).resolve().parents[1]
 PICTURES = ROOT / "problems" / "pictures"
 SHOWN = {"paper": ("robot", "controls"), "paper_conjecture": ("margins",)}
+MAPPED = "paper_conjecture"  # the map of its singularities
 
 
 def main() -> None:
@@ -29,6 +30,9 @@ def main() -> None:
             figure.savefig(PICTURES / f"{name}_{picture}.png", dpi=110, metadata={"Software": None})
         if name == "paper":
             photograph_report(problem)
+    analysis = nhpocp.analyze(nhpocp.load_problem(ROOT / "problems" / f"{MAPPED}.yaml"))
+    figure = analysis_figures.singularity_map(analysis)
+    figure.savefig(PICTURES / f"{MAPPED}_map.png", dpi=110, metadata={"Software": None})
 
 
 def photograph_report(problem: nhpocp.PlanningProblem) -> None:
