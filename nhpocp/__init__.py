@@ -4,6 +4,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from nhpocp.analysis import Analysis as Analysis
+    from nhpocp.analysis import analyze as analyze
     from nhpocp.arrays import namespace as namespace
     from nhpocp.comparison import Comparison as Comparison
     from nhpocp.comparison import Run as Run
@@ -48,6 +50,7 @@ __version__ = "0.1.0"
 
 _HOMES = {
     "Adaptive": "solvers.step_rules",
+    "Analysis": "analysis",
     "CasadiRungeKutta": "flow.integrators",
     "CoefficientMetric": "solvers.generalized_inverses",
     "Comparison": "comparison",
@@ -74,6 +77,7 @@ _HOMES = {
     "System": "systems.system",
     "ThreeUPU": "systems.three_upu",
     "Verdict": "solution",
+    "analyze": "analysis",
     "compare": "comparison",
     "direction": "state_space",
     "load_problem": "problem_file",

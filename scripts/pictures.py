@@ -15,11 +15,12 @@ import functional_flow
 from goals import paper_task
 
 import nhpocp
-from nhpocp.views import figures
+from nhpocp.views import analysis_figures, figures
 
 ROOT = Path(__file__).resolve().parents[1]
 PICTURES = ROOT / "problems" / "pictures"
 SHOWN = {"paper": ("robot", "controls"), "paper_conjecture": ("margins",)}
+MAPPED = "paper_conjecture"  # the map of its singularities
 
 
 def main() -> None:
@@ -32,7 +33,14 @@ def main() -> None:
             figure.savefig(PICTURES / f"{name}_{picture}.png", dpi=110, metadata={"Software": None})
         if name == "paper":
             photograph_report(problem)
+    draw_singularities()
     draw_functional_flow()
+
+
+def draw_singularities() -> None:
+    analysis = nhpocp.analyze(nhpocp.load_problem(ROOT / "problems" / f"{MAPPED}.yaml"))
+    figure = analysis_figures.singularity_map(analysis)
+    figure.savefig(PICTURES / f"{MAPPED}_map.png", dpi=110, metadata={"Software": None})
 
 
 def draw_functional_flow() -> None:

@@ -16,7 +16,7 @@ FLOORS = {
     2: ("flow", "solution", "problem", "task", "constraints", "objectives"),
     3: ("solvers",),
     4: ("planning", "verification", "comparison", "analysis", "views"),
-    5: ("problem_file", "solution_folder", "comparison_folder", "sweep", "diagnosis"),
+    5: ("problem_file", "solution_folder", "comparison_folder", "analysis_folder", "sweep", "diagnosis"),
     6: ("cli",),
 }
 CHAINS = [  # inside a floor: a group may import the groups to its right, never those to its left
@@ -28,7 +28,9 @@ CHAINS = [  # inside a floor: a group may import the groups to its right, never 
     ["solution", "problem", "task constraints objectives"],
     ["solvers.strategies", "solvers.continuation solvers.multiple_shooting", "solvers.generalized_inverses"],
     ["comparison", "planning", "verification"],
-    ["sweep diagnosis comparison_folder", "problem_file solution_folder"],
+    ["views", "analysis", "verification"],
+    ["analysis.analysis", "analysis.verdict analysis.agility", "analysis.growth", "analysis.brackets"],
+    ["sweep diagnosis comparison_folder analysis_folder", "problem_file solution_folder"],
 ]
 ROOMS = {
     "matplotlib": ("views",),

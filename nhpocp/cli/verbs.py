@@ -5,39 +5,23 @@ from __future__ import annotations
 import gc
 import json
 import signal
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from nhpocp.cli.options import json_option, load, set_option
 from nhpocp.cli.terminal import comparison_lines, error_data, progress, put, report, say, verdict_lines
 from nhpocp.errors import InvalidProblemError
 
 if TYPE_CHECKING:
     from nhpocp.comparison import Comparison
-    from nhpocp.problem import PlanningProblem
     from nhpocp.solution import Solution
     from nhpocp.solvers.interruption import Interruption
 
 SOLVED, NOT_SOLVED, BAD_INPUT, MISSING_PART = 0, 1, 2, 3
-
-
-def _json_option(command: Callable[..., Any]) -> Callable[..., Any]:
-    return click.option("--json", "as_json", is_flag=True, help="One JSON document on standard output.")(
-        command
-    )
-
-
-def _set_option(command: Callable[..., Any]) -> Callable[..., Any]:
-    return click.option(
-        "--set",
-        "overrides",
-        multiple=True,
-        metavar="KEY=VALUE",
-        help="Override a key of the file; repeatable.",
-    )(command)
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
@@ -50,10 +34,10 @@ def cli(debug: bool) -> None:
 @cli.command()
 @click.argument("file", type=click.Path(path_type=Path))
 @click.option("--solver", type=click.Choice(["jacobian", "nlp"]), default="jacobian", show_default=True)
-@_set_option
+@set_option
 @click.option("--trace", is_flag=True, help="Write the iterations to iterations.csv in the solution folder.")
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="The solution folder itself.")
-@_json_option
+@json_option
 def solve(
     file: Path, solver: str, overrides: tuple[str, ...], trace: bool, output: Path | None, as_json: bool
 ) -> int:
@@ -62,7 +46,7 @@ def solve(
         from nhpocp.comparison_folder import folder_name
         from nhpocp.solution_folder import check_target, to_json
 
-        problem = _load(file, overrides)
+        problem = load(file, overrides)
         if solver not in problem.solvers:
             raise InvalidProblemError(
                 f"the {solver} solver is not available in this version; use --solver jacobian"
@@ -82,16 +66,6 @@ def solve(
         else:
             report(solution, folder)
     return SOLVED if solution.converged else NOT_SOLVED
-
-
-def _load(file: Path, overrides: Sequence[str]) -> PlanningProblem:
-    """The problem of a file; what is doubtful about it is said."""
-    from nhpocp.problem_file import build, read
-
-    document = read(file, overrides)
-    for line in document.warning_lines():
-        say(line)
-    return build(document)
 
 
 @contextmanager
@@ -121,7 +95,7 @@ def _write(solution: Solution, folder: Path, trace: bool = False) -> None:
 
 @cli.command()
 @click.argument("folder", type=click.Path(path_type=Path))
-@_json_option
+@json_option
 def verify(folder: Path, as_json: bool) -> int:
     """Check the solution in FOLDER, independently of solvers.
 
@@ -145,8 +119,8 @@ def verify(folder: Path, as_json: bool) -> int:
 
 @cli.command()
 @click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="FILE...")
-@_set_option
-@_json_option
+@set_option
+@json_option
 def check(files: tuple[Path, ...], overrides: tuple[str, ...], as_json: bool) -> int:
     """Validate problem files; solve nothing."""
     gc.disable()  # a short life: collecting garbage would take a tenth of it
@@ -180,7 +154,7 @@ def check(files: tuple[Path, ...], overrides: tuple[str, ...], as_json: bool) ->
 
 @cli.command()
 @click.argument("folder", type=click.Path(path_type=Path))
-@_json_option
+@json_option
 def plot(folder: Path, as_json: bool) -> int:
     """Draw the pictures of the solution in FOLDER, into it."""
     from nhpocp.solution_folder import load_solution, unwritable
@@ -199,7 +173,7 @@ def plot(folder: Path, as_json: bool) -> int:
 
 
 @cli.command()
-@_json_option
+@json_option
 def systems(as_json: bool) -> int:
     """List the models: states, inputs, parameters, presets."""
     from nhpocp.problem_file import systems as listing
@@ -235,7 +209,7 @@ def _block(block: Mapping[str, Any]) -> str:
 
 
 @cli.command()
-@_json_option
+@json_option
 def schema(as_json: bool) -> int:
     """Print the JSON schema of problem files.
 
@@ -252,7 +226,7 @@ def schema(as_json: bool) -> int:
 @click.option(
     "--system", "model", default="three_upu", show_default=True, help="A model of `nhpocp systems`."
 )
-@_json_option
+@json_option
 def init(file: Path, model: str, as_json: bool) -> int:
     """Write a commented starter FILE and its JSON schema beside it."""
     from nhpocp.problem_file import json_schema, starter
@@ -279,7 +253,7 @@ def init(file: Path, model: str, as_json: bool) -> int:
 
 @cli.command()
 @click.option("--clear-cache", is_flag=True, help="Remove the compiled kernels from the cache first.")
-@_json_option
+@json_option
 def doctor(clear_cache: bool, as_json: bool) -> int:
     """Say which versions, plugins, compiler and compiled kernels are at hand."""
     if clear_cache:
@@ -312,7 +286,7 @@ def doctor(clear_cache: bool, as_json: bool) -> int:
     metavar="SOLVER:KEY=VALUE,...",
     help="One more run on every file, such as nlp:control=basis; repeatable.",
 )
-@_set_option
+@set_option
 @click.option(
     "-o",
     "--output",
@@ -321,7 +295,7 @@ def doctor(clear_cache: bool, as_json: bool) -> int:
     show_default=True,
     help="Where the report and the solutions go.",
 )
-@_json_option
+@json_option
 def compare(
     files: tuple[Path, ...],
     stored: bool,
@@ -358,7 +332,7 @@ def _compared(
     from nhpocp import comparison
     from nhpocp.comparison_folder import check_home, plan
 
-    runs = plan([_load(file, overrides) for file in files], variants, home)
+    runs = plan([load(file, overrides) for file in files], variants, home)
     check_home(home)
     folders = {id(run): folder for folder, run in runs.items()}
 

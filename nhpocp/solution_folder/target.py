@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import errno
 import os
+import shutil
 import tempfile
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
@@ -13,7 +15,15 @@ from nhpocp.errors import InvalidProblemError
 DATA = ("problem.yaml", "solution.json", "trajectory.csv", "iterations.csv", "arrays.npz", "solver.log")
 PICTURES = ("controls", "relative_pose", "convergence", "margins", "robot", "failure")
 ANIMATIONS = ("animation.html", "animation.gif", "animation.mp4")
-OWN = {*DATA, *ANIMATIONS, *(f"{name}.{kind}" for name in PICTURES for kind in ("png", "svg", "pdf"))}
+ANALYSIS = ("analysis.json", "map.npz")  # of `nhpocp analyze`, and its pictures
+ANALYSIS_PICTURES = ("singularity_map", "along_guess", "agility")
+_DRAWN = (*PICTURES, *ANALYSIS_PICTURES)
+OWN = {
+    *DATA,
+    *ANIMATIONS,
+    *ANALYSIS,
+    *(f"{name}.{kind}" for name in _DRAWN for kind in ("png", "svg", "pdf")),
+}
 SCRATCH = ".nhpocp-"  # prefix of the folders beside a target, while it is written
 
 
@@ -57,7 +67,7 @@ def require_replaceable(target: Path, named: Path) -> None:
             "choose another with -o",
             file=str(named),
         )
-    if any(target.iterdir()) and not is_solution_folder(target):
+    if any(target.iterdir()) and not (is_solution_folder(target) or _says_so(target / "analysis.json")):
         raise InvalidProblemError(
             "this folder was not written by nhpocp and is left alone; choose another with -o", file=str(named)
         )
@@ -74,11 +84,37 @@ def _ours(entry: os.DirEntry[str]) -> bool:
 
 def is_solution_folder(folder: Path) -> bool:
     """Whether a solution of ours lies here; a problem.yaml alone may be the user's own."""
+    return _says_so(folder / "solution.json")
+
+
+def _says_so(file: Path) -> bool:
+    """Whether a file is JSON that nhpocp wrote."""
     try:
-        head = (folder / "solution.json").read_text(encoding="utf-8")[:200]
+        head = file.read_text(encoding="utf-8")[:200]
     except (OSError, UnicodeDecodeError):
         return False
     return '"schema_version"' in head
+
+
+def write_whole(target: Path, write: Callable[[Path], None]) -> None:
+    """Has a folder written beside its place and moved there once complete, or not at all.
+
+    Errors: `OSError`, and `InvalidProblemError` where something else has come to stand there.
+    """
+    home = real_target(target)
+    scratch = scratch_folder(home)
+    try:
+        write(scratch)
+        scratch.chmod(0o777 & ~_umask())
+        replace(scratch, home, target)
+    finally:
+        shutil.rmtree(scratch, ignore_errors=True)
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
 
 
 def scratch_folder(target: Path) -> Path:

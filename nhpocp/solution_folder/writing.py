@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,7 @@ from nhpocp.problem_file import dump_problem
 from nhpocp.solution import Solution
 from nhpocp.solution_folder.plain_data import as_text, to_json
 from nhpocp.solution_folder.tables import write_iterations, write_trajectory
-from nhpocp.solution_folder.target import check_target, real_target, replace, scratch_folder, unwritable
+from nhpocp.solution_folder.target import check_target, unwritable, write_whole
 from nhpocp.solvers.interruption import Interruption
 
 Pictures = Callable[[Solution, Path], Any]
@@ -47,16 +46,12 @@ def save_solution(
 
 
 def _save(solution: Solution, target: Path, pictures: Pictures | None, trace: bool) -> None:
-    home = real_target(target)
-    scratch = scratch_folder(home)
-    try:
+    def write(scratch: Path) -> None:
         _write(solution, scratch, trace)
         if pictures is not None:
             _add_pictures(solution, scratch, pictures)
-        scratch.chmod(0o777 & ~_umask())
-        replace(scratch, home, target)
-    finally:
-        shutil.rmtree(scratch, ignore_errors=True)
+
+    write_whole(target, write)
 
 
 def _write(solution: Solution, folder: Path, trace: bool) -> None:
@@ -89,9 +84,3 @@ def _add_pictures(solution: Solution, folder: Path, pictures: Pictures) -> None:
         # no room for pictures: the numbers matter more, and `nhpocp plot` can draw them later
         for path in set(folder.iterdir()) - before:
             path.unlink(missing_ok=True)
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask

@@ -1,0 +1,53 @@
+"""An Analysis as a folder: analysis.json, map.npz where there is a map, and the pictures."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from nhpocp.analysis import Analysis
+from nhpocp.solution_folder import check_target, plain, unwritable
+from nhpocp.solution_folder.target import write_whole
+
+Pictures = Callable[[Analysis, Path], Any]
+
+
+def save_analysis(
+    analysis: Analysis, folder: str | os.PathLike[str], pictures: Pictures | None = None
+) -> Path:
+    """Writes the folder, whole or not at all, and returns its path; one that nhpocp wrote before is replaced.
+
+    Errors: `InvalidProblemError` for a folder that is something else or cannot be written.
+    """
+    target = Path(folder)
+    check_target(target)
+
+    def write(scratch: Path) -> None:
+        _write(analysis, scratch)
+        if pictures is not None:
+            pictures(analysis, scratch)
+
+    try:
+        write_whole(target, write)
+    except OSError as error:
+        raise unwritable(target, error) from error
+    return target
+
+
+def _write(analysis: Analysis, folder: Path) -> None:
+    text = json.dumps(plain(analysis.to_json()), indent=1, allow_nan=False, ensure_ascii=False)
+    (folder / "analysis.json").write_text(text + "\n", encoding="utf-8")
+    found = analysis.map
+    if found is not None:
+        arrays: dict[str, Any] = {
+            found.first.name: found.first_values,
+            found.second.name: found.second_values,
+            **{f"det_{name}": values for name, values in found.determinants.items()},
+            **{f"sigma_{name}": values for name, values in found.margins.items()},
+        }
+        np.savez_compressed(folder / "map.npz", **arrays)
