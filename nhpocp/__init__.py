@@ -7,11 +7,16 @@ if TYPE_CHECKING:
     from nhpocp.analysis import Analysis as Analysis
     from nhpocp.analysis import analyze as analyze
     from nhpocp.arrays import namespace as namespace
+    from nhpocp.batch import Plan as Plan
+    from nhpocp.batch import plan_many as plan_many
     from nhpocp.comparison import Comparison as Comparison
     from nhpocp.comparison import Run as Run
     from nhpocp.comparison import compare as compare
+    from nhpocp.controls.bspline import BSpline as BSpline
     from nhpocp.controls.control import Control as Control
     from nhpocp.controls.fourier import Fourier as Fourier
+    from nhpocp.controls.legendre import Legendre as Legendre
+    from nhpocp.controls.piecewise_constant import PiecewiseConstant as PiecewiseConstant
     from nhpocp.errors import InvalidProblemError as InvalidProblemError
     from nhpocp.errors import NhpocpError as NhpocpError
     from nhpocp.flow.integrators import CasadiRungeKutta as CasadiRungeKutta
@@ -50,6 +55,7 @@ __version__ = "0.1.0"
 
 _HOMES = {
     "Adaptive": "solvers.step_rules",
+    "BSpline": "controls.bspline",
     "Analysis": "analysis",
     "CasadiRungeKutta": "flow.integrators",
     "CoefficientMetric": "solvers.generalized_inverses",
@@ -63,12 +69,15 @@ _HOMES = {
     "InvalidProblemError": "errors",
     "L2Metric": "solvers.generalized_inverses",
     "Leg": "systems.three_upu",
+    "Legendre": "controls.legendre",
     "MoorePenrose": "solvers.generalized_inverses",
     "MultipleShooting": "solvers.multiple_shooting",
     "NhpocpError": "errors",
     "Ode": "solvers.step_rules",
     "Outcome": "solution",
     "Parameter": "systems.system",
+    "PiecewiseConstant": "controls.piecewise_constant",
+    "Plan": "batch",
     "PlanningProblem": "problem",
     "Run": "comparison",
     "RungeKutta4": "flow.integrators",
@@ -83,6 +92,7 @@ _HOMES = {
     "load_problem": "problem_file",
     "load_solution": "solution_folder",
     "namespace": "arrays",
+    "plan_many": "batch",
     "rotation": "state_space",
     "save_solution": "solution_folder",
     "scalar": "state_space",

@@ -24,25 +24,25 @@ def solve(
     """A verified Solution of a problem by ``solver``; by default the problem's own Jacobian method.
 
     A goal beyond a singular surface, or one that breaks a bound itself, is recognised before the solver starts.
-    Errors: `NhpocpError` for a
-    problem that the solver cannot take; everything that happens while solving is an outcome of the Solution.
+    Errors: `NhpocpError` for a problem that the solver cannot take; everything that happens while solving is an outcome
+    of the Solution.
     """
-    if solver is None:
-        solver = problem.solvers.get("jacobian") or _default_solver()
-    solution = _refused(problem, solver) or solver.solve(problem, progress)
+    solver = solver or default_solver(problem)
+    solution = refused(problem, solver) or solver.solve(problem, progress)
     began = perf_counter()
     with Interruption():  # short, and an interrupted solution deserves its verdict
         verdict = verify(solution)
     return solution.judged(verdict, perf_counter() - began)
 
 
-def _default_solver() -> Solver:
+def default_solver(problem: PlanningProblem) -> Solver:
+    """The problem's own Jacobian method."""
     from nhpocp.solvers.continuation import Continuation
 
-    return Continuation()
+    return problem.solvers.get("jacobian") or Continuation()
 
 
-def _refused(problem: PlanningProblem, solver: Solver) -> Solution | None:
+def refused(problem: PlanningProblem, solver: Solver) -> Solution | None:
     """The ending of a task that no path of this machine performs, recognised from its poses alone."""
     if broken := _broken_values(problem):
         return _unsolved(problem, solver, Outcome.INFEASIBLE, f"{broken}. {Outcome.INFEASIBLE.advice}")

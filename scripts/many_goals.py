@@ -1,7 +1,4 @@
-"""How many goals a second: the paper's start on `default` towards end points of Λ₀ plus noise, on one core and more.
-
-`Crew.plan` is the one place that says how many goals are planned at once.
-"""
+"""How many goals a second: the paper's start on `default` towards end points of Λ₀ plus noise, on one core and more."""
 
 from __future__ import annotations
 
@@ -11,7 +8,6 @@ from concurrent.futures import ProcessPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from functools import cache
-from math import ceil
 from statistics import median
 from time import perf_counter
 from types import TracebackType
@@ -28,27 +24,15 @@ Goal = Mapping[str, Any]
 ROBOT = "default"
 METHOD = "auto"
 BUDGET = 300.0  # seconds for the rounds of one number of goals; one round is always made
-CHUNKS = 8  # per core: a core that has done its share takes another
+WARMING = 200  # plans a core, more than a worker is handed at once, so that each gets some
 VERIFIED = 50  # goals whose solutions are verified, untimed
 UNCOMPILED = 100  # goals at most, without kernels
 
 
-def planned(problem: PlanningProblem, goals: Sequence[Goal], evaluation: str) -> int:
-    """How many of the goals the solver claims to reach, one after another on this core."""
-    solver = SOLVERS[METHOD](EVALUATION[evaluation](), 0)
-    solutions = (solver.solve(replace(problem, goal=goal)) for goal in goals)
-    return sum(solution.outcome is Outcome.CONVERGED for solution in solutions)
-
-
 @cache
 def task() -> PlanningProblem:
-    """Made once a process, as its functions are."""
+    """Made once, as its functions are."""
     return paper_task(ROBOT)
-
-
-def planned_elsewhere(goals: Sequence[Goal], evaluation: str) -> int:
-    """`planned` in a worker process."""
-    return planned(task(), goals, evaluation)
 
 
 class Crew:
@@ -56,19 +40,13 @@ class Crew:
 
     def __init__(self, cores: int, evaluation: str) -> None:
         self.cores, self.evaluation, self.problem = cores, evaluation, task()
+        self.solver = SOLVERS[METHOD](EVALUATION[evaluation](), 0)
         self.pool: ProcessPoolExecutor | None = None
 
     def __enter__(self) -> Self:
         if self.cores > 1:
-            context = multiprocessing.get_context("spawn")
-            self.pool = ProcessPoolExecutor(self.cores, mp_context=context)
-            # each takes its time, so every worker gets some
-            warmed = [self.pool.submit(planned_elsewhere, [self.problem.goal], self.evaluation)
-                      for _ in range(2 * self.cores)]  # fmt: skip
-            for one in warmed:
-                one.result()
-        else:
-            planned(self.problem, [self.problem.goal], self.evaluation)
+            self.pool = ProcessPoolExecutor(self.cores, mp_context=multiprocessing.get_context("spawn"))
+        self.plan([self.problem.goal] * (WARMING * self.cores))
         return self
 
     def __exit__(
@@ -79,11 +57,8 @@ class Crew:
 
     def plan(self, goals: Sequence[Goal]) -> int:
         """Plans to every goal; how many the solver claims to reach."""
-        if self.pool is None:
-            return planned(self.problem, goals, self.evaluation)
-        size = ceil(len(goals) / (CHUNKS * self.cores))
-        chunks = [goals[first : first + size] for first in range(0, len(goals), size)]
-        return sum(self.pool.map(planned_elsewhere, chunks, [self.evaluation] * len(chunks)))
+        plans = nhpocp.plan_many(self.problem, goals, self.solver, self.pool)
+        return sum(plan.outcome is Outcome.CONVERGED for plan in plans)
 
 
 @dataclass

@@ -15,7 +15,7 @@ FLOORS = {
     1: ("systems", "controls"),
     2: ("flow", "solution", "problem", "task", "constraints", "objectives"),
     3: ("solvers",),
-    4: ("planning", "verification", "comparison", "analysis", "views"),
+    4: ("planning", "batch", "verification", "comparison", "analysis", "views"),
     5: ("problem_file", "solution_folder", "comparison_folder", "analysis_folder", "sweep", "diagnosis"),
     6: ("cli",),
 }
@@ -27,7 +27,7 @@ CHAINS = [  # inside a floor: a group may import the groups to its right, never 
     ["flow.end_point_map flow.simulation", "flow.variational", "flow.integrators flow.kernels"],
     ["solution", "problem", "task constraints objectives"],
     ["solvers.strategies", "solvers.continuation solvers.multiple_shooting", "solvers.generalized_inverses"],
-    ["comparison", "planning", "verification"],
+    ["comparison batch", "planning", "verification"],
     ["views", "analysis", "verification"],
     ["analysis.analysis", "analysis.verdict analysis.agility", "analysis.growth", "analysis.brackets"],
     ["sweep diagnosis comparison_folder analysis_folder", "problem_file solution_folder"],

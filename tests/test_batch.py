@@ -1,0 +1,82 @@
+"""Many goals at once: the same plans as one by one, in order, here or in other processes."""
+
+import multiprocessing
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from conftest import paper_problem
+from goals import reachable_goals
+
+import nhpocp
+from nhpocp.solution import Outcome
+from nhpocp.solvers.continuation import Continuation
+from nhpocp.solvers.step_rules import Adaptive
+
+
+@pytest.fixture(scope="module")
+def task():
+    problem = paper_problem()
+    return problem, reachable_goals(problem, 5)
+
+
+def test_plans_are_those_of_single_solves_and_verify(task):
+    problem, goals = task
+    solver = Continuation(step_rule=Adaptive())
+    plans = list(nhpocp.plan_many(problem, goals, solver))
+    for goal, plan in zip(goals, plans, strict=True):
+        single = nhpocp.solve(replace(problem, goal=goal), solver)
+        assert plan.outcome is single.outcome is Outcome.CONVERGED
+        assert single.converged
+        assert plan.evaluations == single.evaluations
+        np.testing.assert_array_equal(plan.control.coefficients, single.control.coefficients)
+
+
+def test_processes_give_the_same_in_the_same_order(task, monkeypatch):
+    problem, goals = task
+    monkeypatch.setattr("nhpocp.batch.CHUNK", 2)
+    here = list(nhpocp.plan_many(problem, goals))
+    with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("spawn")) as pool:
+        elsewhere = list(nhpocp.plan_many(problem, goals, executor=pool))
+    for one, other in zip(here, elsewhere, strict=True):
+        assert one.outcome is other.outcome
+        np.testing.assert_allclose(one.control.coefficients, other.control.coefficients, atol=1e-9)
+
+
+def test_goals_are_planned_as_they_are_asked_for(task):
+    problem, goals = task
+    asked = []
+
+    def endless():
+        while True:
+            asked.append(1)
+            yield goals[0]
+
+    plans = nhpocp.plan_many(problem, endless(), Continuation(step_rule=Adaptive()))
+    assert next(plans).outcome is Outcome.CONVERGED
+    assert len(asked) == 1
+
+
+def test_a_goal_across_a_singular_surface_is_refused_among_the_others(task):
+    problem, goals = task
+    turned = {**goals[0], "orientation": np.diag([1.0, -1.0, -1.0])}
+    plans = list(nhpocp.plan_many(problem, [goals[0], turned], Continuation(step_rule=Adaptive())))
+    assert [plan.outcome for plan in plans] == [Outcome.CONVERGED, Outcome.OTHER_COMPONENT]
+
+
+def test_no_goal_at_all_is_an_error_that_says_so(task):
+    with pytest.raises(nhpocp.InvalidProblemError, match="goal"):
+        list(nhpocp.plan_many(task[0], [{"place": [0, 0, 1]}]))
+
+
+def test_an_interrupted_series_ends_as_interrupted(task, monkeypatch):
+    problem, goals = task
+    plans = nhpocp.plan_many(problem, goals, Continuation(step_rule=Adaptive()))
+    assert next(plans).outcome is Outcome.CONVERGED
+    monkeypatch.setattr(
+        "nhpocp.solvers.interruption.Interruption.check",
+        lambda self: (_ for _ in ()).throw(KeyboardInterrupt),
+    )
+    with pytest.raises(KeyboardInterrupt):
+        next(plans)
