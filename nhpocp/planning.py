@@ -96,11 +96,11 @@ def _broken_bounds(problem: PlanningProblem, numeric: NumericSystem, ends: Array
 
 def _opposite_signs(problem: PlanningProblem, numeric: NumericSystem, ends: Array) -> str:
     """Determinants that no path of the machine changes for good, and that differ in sign at the goal."""
-    margins, system = numeric.margins(ends, problem.scale), problem.system
+    determinants, system = numeric.determinants(ends), problem.system
     sentences = {}
     for name in system.separating():
-        first, last = margins[f"det_{name}"]
-        if first * last < 0 and margins[f"sigma_{name}"].min() > ON_THE_SURFACE:
+        first, last = determinants[name]
+        if first * last < 0 and numeric.sigmas(ends, problem.scale)[f"sigma_{name}"].min() > ON_THE_SURFACE:
             sentences[name] = f"det {name.upper()} is {first:.3g} at the start and {last:.3g} at the goal"
     found = "; ".join(sentences.values())
     if getattr(system, "form", None) == "feedback" and not set(sentences) & set(

@@ -85,7 +85,7 @@ class DifferentiatedEndPointMap:
         shares: Sequence[float] = (),
         along: bool = False,
     ) -> None:
-        self._flow = _flow(system, basis, horizon, integrator, tuple(shares))
+        self._flow = flow_through(system, basis, horizon, integrator, tuple(shares))
         self._start, self.times = start, self._flow.times
         self._stops, self._along = stops_of(self.times, shares, horizon), along
 
@@ -143,7 +143,7 @@ def stops_of(times: Array, shares: Sequence[float], horizon: float) -> tuple[int
 
 
 @lru_cache(maxsize=64)  # solves of a sweep differ in start and goal only
-def _flow(
+def flow_through(
     system: System, basis: ControlBasis, horizon: float, integrator: Integrator, shares: tuple[float, ...]
 ) -> Flow:
     """The flow over the integrator's grid through these shares."""

@@ -8,8 +8,7 @@ import numpy as np
 
 from nhpocp.arrays import Array
 from nhpocp.controls.control import Control
-from nhpocp.flow.dynamics import dynamics
-from nhpocp.flow.end_point_map import grid_through, stops_of
+from nhpocp.flow.end_point_map import flow_through, stops_of
 from nhpocp.flow.integrators import Integrator, RungeKutta4
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Outcome, Progress
@@ -47,17 +46,15 @@ def begun_from(problem: PlanningProblem, control: Control) -> PlanningProblem:
 
 def missed(problem: PlanningProblem, control: Control, integrator: Integrator) -> float:
     """E over goal and via poses, with finer steps than a claim's."""
-    way = finer(integrator)
-    shares, horizon = [task.share for task in problem.tasks[:-1]], control.horizon
-    times = grid_through(way.grid(control.basis, horizon), shares, horizon)
-    flow = way.flow(dynamics(problem.system), control.basis, horizon, times)
+    shares, horizon = tuple(task.share for task in problem.tasks[:-1]), control.horizon
+    flow = flow_through(problem.system, control.basis, horizon, finer(integrator), shares)
     path = flow.states(problem.start_point, control.coefficients)
-    return total_error(problem.tasks, path[list(stops_of(times, shares, horizon))])
+    return total_error(problem.tasks, path[list(stops_of(flow.times, shares, horizon))])
 
 
 def end_of(problem: PlanningProblem, control: Control, integrator: Integrator) -> Array:
     """Where a control leads, with finer steps than a claim's, as a point of the state space; NaN where it is none."""
-    flow = finer(integrator).flow(dynamics(problem.system), control.basis, control.horizon)
+    flow = flow_through(problem.system, control.basis, control.horizon, finer(integrator), ())
     end = flow.end(problem.start_point, control.coefficients)
     return problem.system.state_space.nearest(end) if np.isfinite(end).all() else end
 

@@ -149,7 +149,7 @@ class _Search:
         """The continuation to the goal alone, given up soon; converged only if confirmed."""
         limit = min(self.base.max_iterations, EVALUATIONS)
         solver = replace(self.base, objective="none", max_iterations=limit, seed=self.base.seed + seed)
-        return self._solve(solver, replace(problem, bounds=()))
+        return self._solve(solver, replace(problem, bounds=()) if problem.bounds else problem)
 
     def _finished(self, found: Found, solver: Continuation) -> Found:
         """The second phase, for a try that has reached the goal: least cost, and the bounds.
