@@ -24,7 +24,7 @@ Goal = Mapping[str, Any]
 ROBOT = "default"
 METHOD = "auto"
 BUDGET = 300.0  # seconds for the rounds of one number of goals; one round is always made
-WARMING = 200  # plans a core, more than a worker is handed at once, so that each gets some
+WARMING = 65  # plans a core, so many that each worker is handed some
 VERIFIED = 50  # goals whose solutions are verified, untimed
 UNCOMPILED = 100  # goals at most, without kernels
 

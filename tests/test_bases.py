@@ -166,7 +166,7 @@ def test_both_solvers_reach_the_papers_goal(basis):
     start = project(paper_problem().control(paper_problem().initial), basis)
     problem = replace(problem, initial=start.coefficients)
     reached = planning.solve(problem, Continuation(step_rule=Adaptive(), objective="effort"))
-    optimum = planning.solve(problem, MultipleShooting(over_basis=True, intervals=24))
+    optimum = planning.solve(problem, MultipleShooting(over_basis=True, intervals=24, steps_per_interval=4))
     assert reached.converged
     assert optimum.converged
     # the same functions, so the same least effort, up to the integrations of either
@@ -184,7 +184,7 @@ def verified(solution, control):
 
 def test_a_fourier_solution_carried_to_splines_still_verifies():
     solution = planning.solve(paper_problem(), Continuation(step_rule=Adaptive(), tolerance=1e-6))
-    carried = project(solution.control, BSpline(5, 24))
+    carried = project(solution.control, BSpline(5, 12))
     verdict = verified(solution, carried)
     assert verdict.ok, verdict.reasons
     # too few of them miss the goal, and verification says so
