@@ -37,9 +37,9 @@ if TYPE_CHECKING:
     from nhpocp.state_space import rotation as rotation
     from nhpocp.state_space import scalar as scalar
     from nhpocp.state_space import vector as vector
+    from nhpocp.systems.legs import Leg as Leg
     from nhpocp.systems.system import Parameter as Parameter
     from nhpocp.systems.system import System as System
-    from nhpocp.systems.three_upu import Leg as Leg
     from nhpocp.systems.three_upu import ThreeUPU as ThreeUPU
     from nhpocp.verification import verify as verify
     from nhpocp.views.report import write_report as write_report
@@ -59,7 +59,7 @@ _HOMES = {
     "Horizon": "problem",
     "InvalidProblemError": "errors",
     "L2Metric": "solvers.generalized_inverses",
-    "Leg": "systems.three_upu",
+    "Leg": "systems.legs",
     "MoorePenrose": "solvers.generalized_inverses",
     "MultipleShooting": "solvers.multiple_shooting",
     "NhpocpError": "errors",
