@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 from scipy.integrate import solve_ivp
 
 from nhpocp import so3
+from nhpocp.comparison import Entry
 from nhpocp.constraints import Bound, check_bounds
 from nhpocp.controls.control import Control
 from nhpocp.controls.fourier import Fourier
@@ -28,6 +29,7 @@ from nhpocp.systems.system import System
 from nhpocp.systems.three_upu import ThreeUPU
 from nhpocp.views import drawing, plots
 from nhpocp.views.figures import FIGURES, write_pictures
+from nhpocp.views.overlays import overlays
 from nhpocp.views.style import DOTS_PER_INCH, PANEL, symbol
 
 FINAL = [  # physics, section 2: the preset `default` after (17) with gamma = 0.1
@@ -579,6 +581,14 @@ def test_a_joint_alone_has_no_lengths() -> None:
     figure = FIGURES["robot"](of_library("veselova_joint"))
     assert [axes.name for axes in figure.axes] == ["3d"] * 3
     assert figure.axes[0].get_xlabel() == "$x$"
+
+
+def test_paths_on_the_floor_are_compared_from_above() -> None:
+    """The mechanism in space; its paths alone, flat, in the plane."""
+    solution = of_library("rolling_sphere")
+    entries = [Entry(solution, "first"), Entry(solution, "second")]
+    path = next(found for found in overlays(entries, ["first", "second"]) if found.name == "path")
+    assert [axes.name for axes in path.figure.axes] == ["3d", "rectilinear"]
 
 
 def test_the_goal_of_a_system_without_bodies_is_drawn_too() -> None:

@@ -625,3 +625,35 @@ def test_systems_are_described_as_plain_data() -> None:
     assert [block["name"] for block in found["states"]] == ["position", "orientation"]
     assert [block["name"] for block in found["inputs"]] == ["v"]
     assert set(found["presets"]) == {"default", "normal75", "paper_conjecture", "vertical_equal"}
+
+
+LEGLESS = """\
+nhpocp: 1
+system: {model: unicycle}
+start: {x: 0, y: 0, theta: 0}
+goal: {y: 1}
+"""
+
+
+@pytest.mark.parametrize(
+    ("lines", "path"),
+    [
+        ("objective: leg_effort", "objective"),
+        ("solvers: {jacobian: {objective: leg_effort}}", "solvers.jacobian.objective"),
+        ("constraints: {leg_speed: 1}", "constraints.leg_speed"),
+        ("constraints: {clearance: 1}", "constraints.clearance"),
+    ],
+)
+def test_what_needs_legs_is_refused_where_a_system_has_none(lines, path) -> None:
+    with pytest.raises(InvalidProblemError, match="the system unicycle has no legs") as caught:
+        read_text(f"{LEGLESS}{lines}\n")
+    assert caught.value.path == path
+    assert caught.value.line == 5
+
+
+def test_python_hears_of_the_same_objectives() -> None:
+    problem = parse_problem(LEGLESS)
+    with pytest.raises(
+        InvalidProblemError, match="none of effort, path_length, time, the objectives of unicycle"
+    ):
+        dataclasses.replace(problem, objective="leg_effort")
