@@ -38,6 +38,8 @@ if TYPE_CHECKING:
     from nhpocp.state_space import scalar as scalar
     from nhpocp.state_space import vector as vector
     from nhpocp.systems.legs import Leg as Leg
+    from nhpocp.systems.mobility import mobility as mobility
+    from nhpocp.systems.parallel_robot import ParallelRobot as ParallelRobot
     from nhpocp.systems.system import Parameter as Parameter
     from nhpocp.systems.system import System as System
     from nhpocp.systems.three_upu import ThreeUPU as ThreeUPU
@@ -65,6 +67,7 @@ _HOMES = {
     "NhpocpError": "errors",
     "Ode": "solvers.step_rules",
     "Outcome": "solution",
+    "ParallelRobot": "systems.parallel_robot",
     "Parameter": "systems.system",
     "PlanningProblem": "problem",
     "Run": "comparison",
@@ -78,6 +81,7 @@ _HOMES = {
     "direction": "state_space",
     "load_problem": "problem_file",
     "load_solution": "solution_folder",
+    "mobility": "systems.mobility",
     "namespace": "arrays",
     "rotation": "state_space",
     "save_solution": "solution_folder",

@@ -30,7 +30,7 @@ class OrientingPlatform(ParallelRobot):
         "platform_radius": Parameter("positive", 10.0, "B, of the legs' heads [length]"),
         "height": Parameter("positive", 20.0, "H of the ball joint above the feet [length]"),
         "azimuth": Parameter("number", pi / 2, "angle between the two legs, seen from above [rad]"),
-        "r": Parameter("numbers", (0.0, 0.0, 1.0), "direction about which the ball joint cannot turn"),
+        "r": Parameter("numbers", [0.0, 0.0, 1.0], "direction about which the ball joint cannot turn"),
         "joint": Parameter(
             "choice",
             "veselova",

@@ -85,7 +85,7 @@ class ParallelRobot(System):
         "legs": Parameter(
             "jointed legs",
             None,
-            "legs {base, platform, base_joint, r, w1, w2, w4, length, actuated}; default: those of preset mixed",
+            "the legs, {base, platform, base_joint, r, w1, w2, w4, length, actuated} each; default: preset mixed",
         ),
     }
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {
@@ -237,7 +237,8 @@ class ParallelRobot(System):
         return ("w",)
 
     def default_length_scale(self) -> float:
-        return sum(hypot(*leg.platform) for leg in self.legs) / len(self.legs) or 1.0
+        arms = [hypot(*leg.platform) for leg in self.legs if not leg.pinned]
+        return sum(arms) / len(arms) or 1.0
 
     def drawing(self, state: Array) -> dict[str, Any]:
         """Both bodies, the legs, and the directions of their joints, from the middle of each joint."""
