@@ -44,9 +44,11 @@ if TYPE_CHECKING:
     from nhpocp.state_space import rotation as rotation
     from nhpocp.state_space import scalar as scalar
     from nhpocp.state_space import vector as vector
+    from nhpocp.systems.legs import Leg as Leg
+    from nhpocp.systems.mobility import mobility as mobility
+    from nhpocp.systems.parallel_robot import ParallelRobot as ParallelRobot
     from nhpocp.systems.system import Parameter as Parameter
     from nhpocp.systems.system import System as System
-    from nhpocp.systems.three_upu import Leg as Leg
     from nhpocp.systems.three_upu import ThreeUPU as ThreeUPU
     from nhpocp.verification import verify as verify
     from nhpocp.views.report import write_report as write_report
@@ -68,13 +70,14 @@ _HOMES = {
     "Horizon": "problem",
     "InvalidProblemError": "errors",
     "L2Metric": "solvers.generalized_inverses",
-    "Leg": "systems.three_upu",
+    "Leg": "systems.legs",
     "Legendre": "controls.legendre",
     "MoorePenrose": "solvers.generalized_inverses",
     "MultipleShooting": "solvers.multiple_shooting",
     "NhpocpError": "errors",
     "Ode": "solvers.step_rules",
     "Outcome": "solution",
+    "ParallelRobot": "systems.parallel_robot",
     "Parameter": "systems.system",
     "PiecewiseConstant": "controls.piecewise_constant",
     "Plan": "batch",
@@ -91,6 +94,7 @@ _HOMES = {
     "direction": "state_space",
     "load_problem": "problem_file",
     "load_solution": "solution_folder",
+    "mobility": "systems.mobility",
     "namespace": "arrays",
     "plan_many": "batch",
     "rotation": "state_space",

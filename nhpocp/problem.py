@@ -20,6 +20,7 @@ from nhpocp.state_space import Block, StateSpace
 from nhpocp.systems.system import System
 from nhpocp.task import Task
 
+ASSEMBLED = 1e-6  # share of the machine's length by which a start may miss what its joints hold
 SAME_TIME = 1e-6  # shares of the horizon that are nearer have no room for a motion between them
 
 
@@ -116,7 +117,36 @@ class PlanningProblem:
         if self.initial is not None:
             object.__setattr__(self, "initial", self._checked_initial())
         object.__setattr__(self, "via", self._checked_via())
+        self._check_assembly()
         self._check_bounds()
+
+    def _check_assembly(self) -> None:
+        """Whether the machine can be put together at the start, and its goals leave to its joints what they hold."""
+        invariants = self.system.invariants(self.start_point)
+        self._check_room(len(invariants))
+        allowed = ASSEMBLED * max(1.0, self.system.default_length_scale())
+        for name, (value, wanted) in invariants.items():
+            if wanted is not None and not abs(float(value) - wanted) <= allowed:
+                raise InvalidProblemError(
+                    f"{name} is {float(value):.6g} here; the machine's joints hold it at {wanted:g}",
+                    path="start",
+                )
+
+    def _check_room(self, held: int) -> None:
+        """A goal that fixes what never changes makes the Jacobian of the end point singular, for every control."""
+        blocks = [*self.system.state_space.blocks, *self.system.pose_outputs]
+        for part, goal in (("goal", self.goal), *((f"via[{i}]", via.goal) for i, via in enumerate(self.via))):
+            count, room = (
+                sum(b.dimension for b in blocks if b.name in goal),
+                self.system.state_space.dimension,
+            )
+            if held and count > room - held:
+                names = ", ".join(block.name for block in blocks)
+                raise InvalidProblemError(
+                    f"fixes {count} numbers, but holonomic joints hold {held} of this machine's {room} as they are, "
+                    f"which leaves {room - held} to choose; ask for fewer of {names}",
+                    path=part,
+                )
 
     def _checked_via(self) -> tuple[Via, ...]:
         """The via poses in the order of time."""

@@ -11,8 +11,9 @@ from nhpocp.controls.fourier import Fourier
 from nhpocp.flow.dynamics import Dynamics
 from nhpocp.flow.end_point_map import DifferentiatedEndPointMap, VariationalEndPointMap
 from nhpocp.flow.integrators import CasadiRungeKutta, Cvodes, RungeKutta4
+from nhpocp.systems.legs import Leg
 from nhpocp.systems.numeric import NumericSystem
-from nhpocp.systems.three_upu import Leg, ThreeUPU
+from nhpocp.systems.three_upu import ThreeUPU
 
 WAYS = {
     "rk4": (DifferentiatedEndPointMap, RungeKutta4(200)),

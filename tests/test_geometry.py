@@ -7,8 +7,9 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from nhpocp import so3
+from nhpocp.systems.legs import Leg
 from nhpocp.systems.numeric import NumericSystem
-from nhpocp.systems.three_upu import Leg, ThreeUPU
+from nhpocp.systems.three_upu import ThreeUPU
 from nhpocp.verification import geometry
 
 coordinate = st.floats(-1, 1)

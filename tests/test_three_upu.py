@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 
 import casadi as ca
 import numpy as np
@@ -14,8 +15,10 @@ from nhpocp import so3
 from nhpocp.controls.control import Control
 from nhpocp.controls.fourier import Fourier
 from nhpocp.errors import InvalidProblemError
+from nhpocp.systems.joints import LegPose
+from nhpocp.systems.legs import Leg
 from nhpocp.systems.numeric import NumericSystem
-from nhpocp.systems.three_upu import Leg, LegPose, ThreeUPU
+from nhpocp.systems.three_upu import ThreeUPU
 
 LAW = settings(max_examples=40, deadline=None, derandomize=True)
 SPACE = ThreeUPU.state_space
@@ -187,7 +190,7 @@ def test_the_signs_of_r_w3_and_h_change_nothing(case, sign_r, sign_w3, sign_h):
     v = generator.normal(size=3)
     _, _, s, j = rows_by_hand(robot, pose, sign_r, sign_w3, sign_h)
     assert close(np.linalg.solve(s, j @ v), robot.velocity(pose, v)[:3], 1e-10)
-    legs = [{**vars(leg), "r": tuple(sign_r * x for x in leg.r)} for leg in robot.legs]
+    legs = [replace(leg, r=tuple(sign_r * x for x in leg.r)) for leg in robot.legs]
     assert close(ThreeUPU(legs=legs).velocity(pose, v), robot.velocity(pose, v), 1e-10)
 
 

@@ -18,9 +18,11 @@ from nhpocp.controls.piecewise_constant import PiecewiseConstant
 from nhpocp.problem import PlanningProblem, Via
 from nhpocp.solution import Outcome, Solution
 from nhpocp.state_space import StateSpace, scalar
+from nhpocp.systems.joints import Row
+from nhpocp.systems.legs import Leg
 from nhpocp.systems.numeric import NumericSystem
 from nhpocp.systems.system import System
-from nhpocp.systems.three_upu import Leg, ThreeUPU
+from nhpocp.systems.three_upu import ThreeUPU
 from nhpocp.verification import verify
 
 START = {"position": [0, 0, 25], "orientation": so3.from_rpy(np.array([0, 0, -np.pi / 6]))}
@@ -225,26 +227,25 @@ def test_a_stored_path_is_held_to_the_scale_of_the_error(share):
 class FlippedMoment(ThreeUPU):
     """[Paper] eq. (2) with the sign of J's second term wrong."""
 
-    def constraint_row(self, leg, arm):
-        s, j = super().constraint_row(leg, arm)
-        return s, 2 * cross(arm, s) - j
+    def constraint_rows(self, leg, pose, arm):
+        rows = super().constraint_rows(leg, pose, arm)
+        return [Row(s, 2 * cross(arm, s) - j, scale) for s, j, scale in rows]
 
 
 class FlippedArm(ThreeUPU):
     """[Paper] eq. (2) with the sign of K wrong."""
 
-    def actuator_row(self, leg, arm):
-        g, k = super().actuator_row(leg, arm)
-        return g, -k
+    def actuator_rows(self, leg, pose, arm):
+        return [Row(g, -k, scale) for g, k, scale in super().actuator_rows(leg, pose, arm)]
 
 
 class FlippedTangent(ThreeUPU):
     """The tangential (y) part of the first leg's r with the wrong sign, inside the constraint only."""
 
-    def constraint_row(self, leg, arm):
-        if float(leg.a[1]) == 0:  # the leg at azimuth 0°
-            leg = replace(leg, r=leg.r * np.array([1.0, -1.0, 1.0]))
-        return super().constraint_row(leg, arm)
+    def constraint_rows(self, leg, pose, arm):
+        if float(pose.a[1]) == 0:  # the leg at azimuth 0°
+            pose = replace(pose, r=pose.r * np.array([1.0, -1.0, 1.0]))
+        return super().constraint_rows(leg, pose, arm)
 
 
 @pytest.mark.parametrize("form", ["feedback", "original"])

@@ -307,8 +307,10 @@ def build_bounds(data: ProblemData, system: System) -> list[Bound]:
     if given.control is not None:
         bounds += _control_bounds(given.control, system)
     if given.clearance is not None:
+        start = system.state_space.pack(plain_state(data.start))
         bounds += [
-            Bound(f"clearance.sigma_{which}", f"sigma_{which}", given.clearance) for which in ("s", "w")
+            Bound(f"clearance.sigma_{which}", f"sigma_{which}", given.clearance)
+            for which in system.regularity(start)
         ]
     for name, bound in (given.state or {}).items():
         bounds.append(Bound(f"state.{name}", name, *_sides(bound)))

@@ -46,7 +46,9 @@ def _quantities(system: System, state: Mapping[str, Any]) -> dict[str, Any]:
     }
     legs = getattr(system, "legs", None)
     if legs and "position" in state and "orientation" in state:
-        found["leg_lengths"] = [_length(leg, state["position"], state["orientation"]) for leg in legs]
+        found["leg_lengths"] = [
+            _length(leg, state["position"], state["orientation"]) for leg in legs if not leg.pinned
+        ]
     return found
 
 

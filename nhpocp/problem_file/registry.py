@@ -7,21 +7,23 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Mapping, Sequence
-from typing import Any, Literal, cast
+from typing import Annotated, Any, Literal, cast
 
-from pydantic import Field, ValidationError, create_model
+from pydantic import Field, StrictBool, ValidationError, create_model
 
 from nhpocp.errors import InvalidProblemError
 from nhpocp.problem_file import plugins
 from nhpocp.problem_file.issues import Issue, Refusal, suggestion
 from nhpocp.problem_file.messages import translate
-from nhpocp.problem_file.numbers import Number, Positive, Whole, describe
+from nhpocp.problem_file.numbers import Checked, Number, Positive, Whole, describe, parse_number
 from nhpocp.problem_file.states import Strict, Vector3
 from nhpocp.state_space import Block
 from nhpocp.systems.system import Parameter, System
 
 SYSTEMS: dict[str, str] = {
     "three_upu": "nhpocp.systems.three_upu:ThreeUPU",
+    "parallel_robot": "nhpocp.systems.parallel_robot:ParallelRobot",
+    "orienting_platform": "nhpocp.systems.orienting_platform:OrientingPlatform",
     "heisenberg": "nhpocp.systems.heisenberg:Heisenberg",
     "free_nilpotent_36": "nhpocp.systems.free_nilpotent_36:FreeNilpotent36",
     "unicycle": "nhpocp.systems.unicycle:Unicycle",
@@ -40,6 +42,54 @@ class LegData(Strict):
     w4: Vector3 = Field(description="axis of the universal joint fixed in the platform")
     joint: Literal["veselova", "suslov"] = Field(
         default="veselova", description="r fixed in the base or in the leg"
+    )
+
+
+def _length(value: Any) -> float | str:
+    if isinstance(value, str) and not any(c.isdigit() for c in value) and value != "fixed":
+        raise ValueError(f"expected fixed or a length >= 0, got {describe(value)}")
+    if value == "fixed":
+        return "fixed"
+    number = parse_number(value)
+    if number < 0:
+        raise ValueError(f"{number:g} is negative; expected fixed or a length >= 0")
+    return number
+
+
+Length = Annotated[
+    float | str, Checked(_length, {"anyOf": [{"const": "fixed"}, {"type": "number", "minimum": 0}]})
+]
+
+
+class JointedLegData(Strict):
+    """One leg of a parallel robot as built: its joints, and what is between them."""
+
+    base: Vector3 = Field(description="centre of the base joint, base coordinates")
+    platform: Vector3 = Field(description="centre of the platform joint, platform coordinates")
+    base_joint: Literal["veselova", "suslov", "universal", "spherical"] = Field(
+        default="veselova", description="about which directions the leg can turn in the base"
+    )
+    r: Vector3 | None = Field(
+        default=None,
+        description="about which it cannot: base coordinates (veselova), or along g, w3, g×w3 (suslov)",
+    )
+    w1: Vector3 | None = Field(
+        default=None, description="axis of a universal base joint fixed in the base, base coordinates"
+    )
+    w2: Vector3 | None = Field(
+        default=None, description="its axis fixed in the leg, along g, w3, g×w3; default w3"
+    )
+    w4: Vector3 | None = Field(
+        default=None,
+        description="axis of the universal joint fixed in the platform; without it that joint is spherical",
+    )
+    length: Length | None = Field(
+        default=None,
+        description="fixed (as at the start) or a length, of a bar; 0: the base joint holds the platform itself; "
+        "absent: a prismatic joint",
+    )
+    actuated: StrictBool | None = Field(
+        default=None, description="whether a motor drives the length; default: if it is prismatic"
     )
 
 
@@ -82,6 +132,7 @@ def _field(parameter: Parameter) -> Any:
         "integer": Whole,
         "numbers": list[Number],
         "legs": list[LegData],
+        "jointed legs": list[JointedLegData],
         "choice": Literal[parameter.choices or ("",)],
     }
     return kinds[parameter.kind]

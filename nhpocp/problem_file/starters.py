@@ -15,6 +15,16 @@ _TASKS: dict[str, tuple[str, str, tuple[str, ...]]] = {
         "{position: [-0.4, -0.2, 35], orientation: {rpy: [0, 0, -90 deg]}}",
         ("[0, 0.5, 0, 0, 0]", "[0, 0.5, 0, 0, 0]", "[1, 0, 0.5, 0, 0]"),
     ),
+    "parallel_robot": (
+        "{position: [0, 0, 25], orientation: {rpy: [0, 0, -30 deg]}}",
+        "{position: [-0.4, -0.2, 30], orientation: {rpy: [0, 0, -60 deg]}}",
+        (),
+    ),
+    "orienting_platform": (
+        "{orientation: {rpy: [0, 0, 0]}}",
+        "{orientation: {rpy: [0, 0, 45 deg]}}",
+        ("[0, 0, -28, 0, 0]", "[0, 28, 0, 0, 0]"),
+    ),
 }
 
 

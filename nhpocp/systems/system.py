@@ -16,7 +16,7 @@ from nhpocp.state_space import Block, StateSpace
 class Parameter:
     """A parameter as a user writes it: what kind of value, its default, what it means."""
 
-    kind: Literal["number", "positive", "integer", "numbers", "choice", "legs"]
+    kind: Literal["number", "positive", "integer", "numbers", "choice", "legs", "jointed legs"]
     default: Any
     meaning: str
     choices: tuple[str, ...] = ()
@@ -75,6 +75,9 @@ class System(Protocol):
 
     def __init__(self, **parameters: Any) -> None:
         """Every declared parameter becomes an attribute, checked; what is left out has its default."""
+        self._declare(parameters)
+
+    def _declare(self, parameters: Mapping[str, Any]) -> None:
         unknown = [name for name in parameters if name not in self.declared]
         if unknown:
             known = ", ".join(self.declared) or "none"
@@ -116,6 +119,13 @@ class System(Protocol):
         As many as the dimension exceeds the inputs; none unless overridden, and no solver uses them.
         """
         return namespace(state, velocity).array([])
+
+    def invariants(self, state: Array) -> dict[str, tuple[Array, float | None]]:
+        """Scalars that no motion changes, by their names in messages, with the value that each has to have, if any.
+
+        A start has to fit, and only goals with the same values can be reached; none unless overridden.
+        """
+        return {}
 
     def rate(self, state: Array, control: Array) -> Array:
         """ẋ of the packed point (size,)."""

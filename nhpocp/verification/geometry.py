@@ -7,6 +7,8 @@ J nor G nor K is used, and nothing straddles a discontinuity of the control.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -24,56 +26,90 @@ FLOOR = 1e-4  # share of the whole motion under which a leg counts as at rest: 0
 
 def has_legs(system: Any) -> bool:
     """Whether the system is a parallel robot whose legs can be checked (on p and R alone)."""
-    return hasattr(system, "legs") and {"position", "orientation"} <= set(system.state_space.names)
+    return hasattr(system, "legs") and "orientation" in system.state_space.names
 
 
 def leg_frames(leg: Any, positions: Array, rotations: Array) -> tuple[Array, Array]:
-    """Length l (…,) and frame (…, 3, 3) with columns g, w3, g×w3, for poses (…, 3) and (…, 3, 3)."""
+    """Length l (…,) and frame (…, 3, 3) with columns g, w3, g×w3, for poses (…, 3) and (…, 3, 3).
+
+    The platform's own frame for a leg that spins as it likes (no axis w4 in the platform), and for none at all.
+    """
     reach = positions + rotations @ np.asarray(leg.platform) - np.asarray(leg.base)
     length = np.linalg.norm(reach, axis=-1)
+    if leg.w4 is None:
+        return length, rotations
     g = reach / length[..., None]
     w3 = np.cross(g, rotations @ np.asarray(leg.w4))
     w3 /= np.linalg.norm(w3, axis=-1, keepdims=True)
     return length, np.stack([g, w3, np.cross(g, w3)], axis=-1)
 
 
+def _universal_normal(leg: Any, frame: Array) -> Array:
+    """The perpendicular of both axes."""
+    r = np.cross(np.asarray(leg.w1), frame @ np.asarray(leg.w2))
+    return r / np.linalg.norm(r, axis=-1, keepdims=True)
+
+
+# by base joint, r (k, 3) from frames (k, 3, 3): the direction about which the joint cannot turn
+NORMALS: dict[str, Callable[[Any, Array], Array]] = {
+    "veselova": lambda leg, frame: np.broadcast_to(np.asarray(leg.r), frame.shape[:2]),
+    "suslov": lambda leg, frame: frame @ np.asarray(leg.r),
+    "universal": _universal_normal,
+}
+
+
+@dataclass(frozen=True)
+class _Motion:
+    """The screw motions through samples: poses (5, k, …) around each, and how to differentiate along them."""
+
+    positions: Array
+    rotations: Array
+    step: Array  # [time], (k,)
+
+    def derivative(self, values: Array) -> Array:
+        change = np.tensordot(FIRST_DERIVATIVE, values, axes=1)
+        return change / self.step.reshape(-1, *[1] * (change.ndim - 1))
+
+
 def residuals(numeric: NumericSystem, states: Array, controls: Array) -> tuple[Array, Array]:
-    """(|r·ω_leg|/|ω_leg| of the worst leg, |l̇ - u|/|u|) at samples, (k,) each.
+    """(|r·ω_leg|/|ω_leg| of the worst leg, |l̇ - u|/|u|) at samples, (k,) each; u = 0 for legs that are bars.
 
     Denominators are not let below `FLOOR` times the size of the whole motion, since a leg may rest for an instant;
-    without any motion both are 0.
+    without any motion both are 0. Where the base joint holds the platform itself, its centre counts as a leg's length.
     """
     system = numeric.system
     legs: Any = system.legs  # type: ignore[attr-defined]
     pose = system.state_space.split(states)
     rates = numeric.rate_function.map(len(states))(states.T, controls.T)
     velocity = system.state_space.split(np.array(rates).T)
-    p, rotation = pose["position"], pose["orientation"]
-    speed, spin = velocity["position"], _angular_velocity(velocity["orientation"], rotation)
+    rotation, rest = pose["orientation"], np.zeros((len(states), 3))  # a wrist has no position
+    p, speed = pose.get("position", rest), velocity.get("position", rest)
+    spin = _angular_velocity(velocity["orientation"], rotation)
 
-    shortest = np.min([leg_frames(leg, p, rotation)[0] for leg in legs], axis=0)
-    motion = np.linalg.norm(spin, axis=1) + np.linalg.norm(speed, axis=1) / shortest  # [1/time]
-    safe = np.where(motion > 0, motion, 1.0)
+    shortest = np.min([leg_frames(leg, p, rotation)[0] for leg in legs if leg.length != 0], axis=0)
+    size = np.linalg.norm(spin, axis=1) + np.linalg.norm(speed, axis=1) / shortest  # [1/time]
+    safe = np.where(size > 0, size, 1.0)
     shifts = OFFSETS[:, None] * (STEP / safe)  # [time], offsets × samples
-    along = p + shifts[..., None] * speed
     turns = Rotation.from_rotvec((shifts[..., None] * spin).reshape(-1, 3)).as_matrix()
     turned = turns.reshape(*shifts.shape, 3, 3) @ rotation
+    motion = _Motion(p + shifts[..., None] * speed, turned, STEP / safe)
 
-    def derivative(values: Array) -> Array:
-        change = np.tensordot(FIRST_DERIVATIVE, values, axes=1)
-        return change / (STEP / safe).reshape(-1, *[1] * (change.ndim - 1))
-
-    rolling, leg_speeds = np.zeros(len(states)), []
+    rolling = np.zeros(len(states))
+    driven: list[Array] = []
+    held: list[Array] = []
     for leg in legs:
-        length, frame = leg_frames(leg, along, turned)
-        omega = _angular_velocity(derivative(frame), frame[2])
-        r = np.asarray(leg.r)
-        r = frame[2] @ r if leg.joint == "suslov" else np.broadcast_to(r, omega.shape)
-        against = np.abs(np.sum(r * omega, axis=1))
-        rolling = np.maximum(rolling, against / np.maximum(np.linalg.norm(omega, axis=1), FLOOR * safe))
-        leg_speeds.append(derivative(length))
+        length, frame = leg_frames(leg, motion.positions, motion.rotations)
+        if leg.joint in NORMALS and (leg.w4 is not None or leg.length == 0):
+            omega = _angular_velocity(motion.derivative(frame), frame[2])
+            against = np.abs(np.sum(NORMALS[leg.joint](leg, frame[2]) * omega, axis=1))
+            rolling = np.maximum(rolling, against / np.maximum(np.linalg.norm(omega, axis=1), FLOOR * safe))
+        if leg.length == 0:
+            centre = motion.positions + motion.rotations @ np.asarray(leg.platform)
+            held += list(motion.derivative(centre).T)
+        elif leg.actuated or leg.length is not None:
+            (driven if leg.actuated else held).append(motion.derivative(length))
     u = controls if "u" in system.input_space.names else numeric.outputs(states, controls)["u"]
-    off = np.linalg.norm(np.stack(leg_speeds, axis=1) - u, axis=1)
+    off = np.linalg.norm(np.column_stack([np.stack(driven, axis=1) - u, *held]), axis=1)
     leg_rate = off / np.maximum(np.linalg.norm(u, axis=1), FLOOR * safe * shortest)
     return rolling, leg_rate
 

@@ -1,0 +1,295 @@
+"""Parallel robots whose legs are given one by one: the equations that their joints make, and whether they suffice."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import cos, hypot, pi, sin
+from typing import Any, ClassVar
+
+from nhpocp.arrays import Array, namespace, symbolic
+from nhpocp.errors import InvalidProblemError
+from nhpocp.state_space import Block, StateSpace, direction, rotation, vector
+from nhpocp.systems.joints import LegPose, Row
+from nhpocp.systems.legs import Leg
+from nhpocp.systems.system import Parameter, System
+
+KEYS = {
+    "base": "base",
+    "platform": "platform",
+    "base_joint": "joint",
+    "r": "r",
+    "w1": "w1",
+    "w2": "w2",
+    "w4": "w4",
+    "length": "length",
+    "actuated": "actuated",
+}
+
+
+@dataclass(frozen=True)
+class Kinematics:
+    """The blocks of [Paper] eq. (1): u = G ṗ + K ω, a row a motor, and 0 = S ṗ + J ω, a row a constraint.
+
+    For three ŬPU legs each is 3×3 and row i belongs to leg i; in general the rows stand in the order of the legs.
+    """
+
+    G: Array
+    K: Array
+    S: Array
+    J: Array
+
+    @property
+    def W(self) -> Array:
+        """[G K; S J], 6×6: singular where the actuators lose the platform."""
+        return namespace(self.G).block([[self.G, self.K], [self.S, self.J]])
+
+
+def _around(azimuth: float, radius: float, **leg: Any) -> dict[str, Any]:
+    """A leg of a preset: vectors along the radial, tangential and vertical directions at an azimuth."""
+    c, s = cos(azimuth), sin(azimuth)
+
+    def turned(x: float, y: float, z: float) -> list[float]:
+        return [c * x - s * y, s * x + c * y, z]
+
+    in_leg = ("r", "w2") if leg.get("base_joint") == "suslov" else ("w2",)
+    vectors = {
+        name: turned(*value) if name not in in_leg else list(value)
+        for name, value in leg.items()
+        if isinstance(value, tuple)
+    }
+    return {"base": turned(radius, 0, 0), "platform": turned(radius / 2, 0, 0), **leg, **vectors}
+
+
+THIRD = 2 * pi / 3
+TILT = (0.0, sin(75 * pi / 180), cos(75 * pi / 180))  # of the 3-ŬPU robot's default
+RADIAL, TANGENTIAL = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
+FIRST_TWO = [
+    _around(0.0, 30.0, base_joint="veselova", r=TILT, w4=RADIAL),
+    _around(THIRD, 30.0, base_joint="suslov", r=(TILT[2], TILT[1], 0.0), w4=RADIAL),
+]
+
+
+class ParallelRobot(System):
+    r"""A platform on legs of any kind, as a driftless control system on R³ × SO(3), control u (the motors' l̇):
+
+        [G K; S J] (ṗ, ω) = (u, 0),   Ṙ = [ω] R                                       [Paper] eqs. (1), (3)-(4)
+
+    p: platform origin in base coordinates [length], R: platform to base, b = p + R b̂. Motors give the rows of [G K],
+    joints those of [S J] (`joints`); together they have to be six. Where joints are holonomic, motions stay on a part
+    of R³ × SO(3) through the start (`invariants`), and only goals on it can be reached.
+    """
+
+    model: ClassVar[str] = "parallel_robot"
+    declared: ClassVar[Mapping[str, Parameter]] = {
+        "legs": Parameter(
+            "jointed legs",
+            None,
+            "the legs, {base, platform, base_joint, r, w1, w2, w4, length, actuated} each; default: preset mixed",
+        ),
+    }
+    presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {
+        "mixed": {
+            "legs": [
+                *FIRST_TWO,
+                _around(2 * THIRD, 30.0, base_joint="veselova", r=(0.4, 0.8, 0.45), w4=RADIAL),
+            ]
+        },
+        "braced": {  # two non-holonomic legs, a motor between ball joints, and a bar
+            "legs": [
+                *FIRST_TWO,
+                _around(2 * THIRD, 30.0, base_joint="spherical"),
+                {
+                    "base": [20.0, 30.0, 0.0],
+                    "platform": [-10.0, 0.0, 0.0],
+                    "base_joint": "spherical",
+                    "length": "fixed",
+                },
+            ]
+        },
+        "translational": {  # [Tsai]'s 3-UPU robot: ordinary universal joints, nothing non-holonomic
+            "legs": [
+                _around(k * THIRD, 30.0, base_joint="universal", w1=TANGENTIAL, w4=TANGENTIAL)
+                for k in range(3)
+            ]
+        },
+    }
+
+    state_space = StateSpace([vector("position", 3, "length"), rotation("orientation")])
+    output_names: ClassVar[tuple[str, ...]] = ("leg_lengths", "platform_normal")
+    legs: tuple[Leg, ...]
+
+    def __init__(self, legs: Sequence[Leg | Mapping[str, Any]] | None = None) -> None:
+        given = self.presets["mixed"]["legs"] if legs is None else legs
+        self._set_legs([_numbered(i, leg) for i, leg in enumerate(given, 1)])
+        self.input_space = StateSpace([vector("u", self.motors, "length")])
+
+    def _set_legs(self, legs: Sequence[Leg]) -> None:
+        """Errors: `InvalidProblemError` where motors and constraints are not six."""
+        self.legs = tuple(legs)
+        kinds = [kind for leg in self.legs for kind in leg.constraint_kinds]
+        self.motors = sum(bool(leg.actuated) for leg in self.legs)
+        self.holonomic, self.non_holonomic = kinds.count("holonomic"), kinds.count("non-holonomic")
+        rows = self.motors + self.holonomic + self.non_holonomic
+        if rows != 6 or not self.motors:
+            raise InvalidProblemError(_miscounted(self.legs, rows, self.motors), path="system.legs")
+        # platform_normal: the direction of the platform's z axis, base coordinates
+        lengths = vector("leg_lengths", sum(not leg.pinned for leg in self.legs), "length")
+        self.pose_outputs: tuple[Block, ...] = (lengths, direction("platform_normal"))  # type: ignore[misc]
+
+    def parameters(self) -> dict[str, Any]:
+        return {"legs": [leg_data(leg, KEYS) for leg in self.legs]}
+
+    # --- equations ---
+
+    def pose(self, state: Array) -> tuple[Array, Array]:
+        """(p, R) of a packed state."""
+        values = self.state_space.unpack(state)
+        return values["position"], values["orientation"]
+
+    def leg_poses(self, state: Array) -> list[LegPose]:
+        """Geometry of the legs at a packed state."""
+        position, rotation_platform_to_base = self.pose(state)
+        return [leg.pose(position, rotation_platform_to_base) for leg in self.legs]
+
+    def actuator_rows(self, leg: Leg, pose: LegPose, arm: Array) -> list[Row]:
+        """A leg's rows of G and of K; ``arm`` = b - p."""
+        return leg.actuators(pose, arm)
+
+    def constraint_rows(self, leg: Leg, pose: LegPose, arm: Array) -> list[Row]:
+        """A leg's rows of S and of J."""
+        rows = leg.constraints(pose, arm)
+        if leg.pinned and leg.holds_a_turn:  # r · ω alone is the one row that is no velocity [length/time]
+            rows[-1] = rows[-1]._replace(scale=1.0 / self.default_length_scale())
+        return rows
+
+    def rows(self, state: Array) -> tuple[list[Row], list[Row]]:
+        """(motors, constraints) at a packed state, in the order of the legs."""
+        position, _ = self.pose(state)
+        motors: list[Row] = []
+        constraints: list[Row] = []
+        for leg, pose in zip(self.legs, self.leg_poses(state), strict=True):
+            motors += self.actuator_rows(leg, pose, pose.b - position)
+            constraints += self.constraint_rows(leg, pose, pose.b - position)
+        return motors, constraints
+
+    def kinematics(self, state: Array) -> Kinematics:
+        """G, K, S, J of [Paper] eq. (1) at a packed state."""
+        xp, (motors, constraints) = namespace(state), self.rows(state)
+        return Kinematics(
+            G=xp.rows([row.of_p for row in motors]),
+            K=xp.rows([row.of_omega for row in motors]),
+            S=xp.rows([row.of_p / row.scale for row in constraints]),
+            J=xp.rows([row.of_omega / row.scale for row in constraints]),
+        )
+
+    def matrix(self, state: Array) -> Array:
+        """W of [Paper] eq. (4), which times the velocity is (u, 0)."""
+        return self.kinematics(state).W
+
+    def velocity(self, state: Array, control: Array) -> Array:
+        # [Paper] eqs. (3)-(4); det G and det S may vanish here, det W may not
+        xp = namespace(state, control)
+        still = xp.array([0.0] * (self.state_space.dimension - self.motors))
+        return xp.solve(self.matrix(state), xp.concatenate([control, still]))
+
+    def linearised(self, state: Array, control: Array) -> tuple[Array, Array]:
+        """W (ṗ, ω) = (u, 0) differentiated with (ṗ, ω) held."""
+        xp, size, dimension = symbolic(), self.state_space.size, self.state_space.dimension
+        held, matrix = xp.symbol(dimension), self.matrix(state)
+        change = xp.substitute(xp.jacobian(matrix @ held, state), held, self.velocity(state, control))
+        solved = xp.solve(matrix, xp.block([[-change, xp.eye(dimension)[:, : self.motors]]]))
+        return solved[:, :size], solved[:, size:]
+
+    def vector_fields(self, state: Array) -> Array:
+        xp, inputs = namespace(state), self.input_space.size
+        axes = [xp.array([float(k == i) for k in range(inputs)]) for i in range(inputs)]
+        return xp.rows([self.velocity(state, axis) for axis in axes]).T
+
+    def invariants(self, state: Array) -> dict[str, tuple[Array, float | None]]:
+        found: dict[str, tuple[Array, float | None]] = {}
+        for i, leg in enumerate(self.legs, 1):
+            if "holonomic" in leg.constraint_kinds:
+                values = leg.invariants(leg.pose(*self.pose(state)))
+                found |= {f"leg {i}: {name}": value for name, value in values.items()}
+        return found
+
+    # --- what it shows ---
+
+    def outputs(self, state: Array, control: Array) -> dict[str, Array]:
+        return {name: self.output(name, state, control) for name in ("leg_lengths", "platform_normal")}
+
+    def output(self, name: str, state: Array, control: Array) -> Array:
+        if name == "leg_lengths":
+            poses = zip(self.legs, self.leg_poses(state), strict=True)
+            return namespace(state).vector([pose.length for leg, pose in poses if not leg.pinned])
+        if name == "platform_normal":
+            return self.pose(state)[1][:, 2]
+        return super().output(name, state, control)
+
+    def regularity(self, state: Array) -> dict[str, Array]:
+        return {"w": self.matrix(state)}
+
+    def column_scales(self, name: str, length_scale: float) -> list[float]:
+        return [1.0] * 3 + [length_scale] * 3
+
+    def breaking(self) -> tuple[str, ...]:
+        return ("w",)
+
+    def default_length_scale(self) -> float:
+        arms = [hypot(*leg.platform) for leg in self.legs if not leg.pinned]
+        return sum(arms) / len(arms) or 1.0
+
+    def drawing(self, state: Array) -> dict[str, Any]:
+        """Both bodies, the legs, and the directions of their joints, from the middle of each joint."""
+        xp, poses = namespace(state), self.leg_poses(state)
+        reach = 0.12 * max(float(pose.length) for pose in poses)
+        base, platform = [pose.a for pose in poses], [pose.b for pose in poses]
+        lines = {"base": xp.rows([*base, base[0]]), "platform": xp.rows([*platform, platform[0]])}
+        points: dict[str, list[Array]] = {"spheres": [], "universal joints": []}
+        for i, (leg, pose) in enumerate(zip(self.legs, poses, strict=True), 1):
+            points["universal joints" if leg.joint == "universal" else "spheres"].append(pose.a)
+            if not leg.pinned:
+                lines[f"leg {i}"] = xp.rows([pose.a, pose.b])
+                points["spheres" if leg.w4 is None else "universal joints"].append(pose.b)
+            if pose.r is not None:
+                lines[f"r {i}"] = xp.rows([pose.a, pose.a + reach * pose.r])
+            if pose.w4 is not None:
+                for name, axis in (("w3", pose.w3), ("w4", pose.w4)):
+                    lines[f"{name} {i}"] = xp.rows([pose.b - 0.5 * reach * axis, pose.b + 0.5 * reach * axis])
+        return {"lines": lines, "points": {name: xp.rows(found) for name, found in points.items() if found}}
+
+
+def leg_data(leg: Leg, keys: Mapping[str, str]) -> dict[str, Any]:
+    """A leg as plain data under its file's keys; what has no value is left out."""
+    values = {key: getattr(leg, field) for key, field in keys.items()}
+    return {
+        key: list(value) if isinstance(value, tuple) else value
+        for key, value in values.items()
+        if value is not None
+    }
+
+
+def _numbered(number: int, leg: Leg | Mapping[str, Any]) -> Leg:
+    try:
+        return Leg.of(leg, KEYS, {"base", "platform"})
+    except InvalidProblemError as error:
+        raise InvalidProblemError(f"leg {number}: {error.message}", path="system.legs") from None
+
+
+def _miscounted(legs: Sequence[Leg], rows: int, motors: int) -> str:
+    """Why these legs do not determine the platform's motion, leg by leg."""
+    each = "; ".join(f"leg {i} ({leg.describe()})" for i, leg in enumerate(legs, 1))
+    if rows == 6 and not motors:
+        remedy = "none of them a motor: the platform cannot move"
+    else:
+        more = rows - 6
+        remedy = (
+            f"{more} too many: leave out motors or constraints"
+            if more > 0
+            else f"{-more} missing: actuate a leg, fix its length, or give it a joint that constrains it"
+        )
+    return (
+        f"motors and constraints give {rows} rows, and a platform in space needs 6, {remedy}. "
+        f"Rows: {each or 'no leg'}"
+    )
