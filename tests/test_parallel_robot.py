@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -383,3 +384,12 @@ def test_a_file_with_a_fault_is_answered_at_its_place(old, new, place, words):
     with pytest.raises(InvalidProblemError, match=words) as caught:
         parse_problem(text)
     assert caught.value.path == place
+
+
+@pytest.mark.parametrize("name", ["paper", "parallel_robot", "orienting_platform"])
+def test_what_brackets_reach_is_within_what_the_legs_leave(name):
+    problem = nhpocp.load_problem(Path(__file__).parents[1] / "problems" / f"{name}.yaml")
+    found = nhpocp.analyze(problem)
+    assert found.filtration.generic.vector[0] == found.mobility.freedom == found.mobility.motors
+    assert found.filtration.generic.rank == found.mobility.reachable
+    assert found.to_json()["mobility"]["freedom"] == found.mobility.freedom

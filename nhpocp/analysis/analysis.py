@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -18,7 +18,9 @@ from nhpocp.errors import InvalidProblemError
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Crossing
 from nhpocp.solvers.guesses import NoGuessError, ProblemGuess, starting_horizon
+from nhpocp.systems.mobility import Mobility, mobility
 from nhpocp.systems.numeric import numeric_system
+from nhpocp.systems.parallel_robot import ParallelRobot
 from nhpocp.verification.crossings import describe_state, find_crossings
 from nhpocp.verification.replay import Path, replay
 
@@ -107,6 +109,7 @@ class Analysis:
     path: PathAnalysis | None = None
     end_point: EndPointAnalysis | None = None
     map: SingularityMap | None = None
+    mobility: Mobility | None = None  # of a parallel robot at the start
     notes: Sequence[str] = field(default=())
 
     def to_json(self) -> dict[str, Any]:
@@ -126,6 +129,7 @@ class Analysis:
             "path": self.path.to_json() if self.path else None,
             "end_point": self.end_point.to_json() if self.end_point else None,
             "map": self.map.to_json() if self.map else None,
+            "mobility": asdict(self.mobility) if self.mobility else None,
             "notes": list(self.notes),
         }
 
@@ -178,6 +182,7 @@ def analyze(
         _map(
             problem, spans, *_base(at, states, followed), np.vstack([ends, *([path.states] if path else [])])
         ),
+        mobility(system, problem.start_point) if isinstance(system, ParallelRobot) else None,
         notes,
     )
 

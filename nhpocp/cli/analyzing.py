@@ -134,6 +134,7 @@ def lines(found: Analysis) -> list[str]:
         f"{found.controllability.kind}",
         f"  {found.controllability.sentence}",
     ]
+    told += [_row("" if i else "mobility", words) for i, words in enumerate(_mobility_words(found))]
     told += [_row(name, _point_words(point)) for name, point in found.points.items()]
     if found.path:
         told += _path_lines(found.path)
@@ -157,6 +158,17 @@ def lines(found: Analysis) -> list[str]:
     if found.map:
         told.append(_row("map", _map_words(found.map)))
     return told + [f"  note: {note}" for note in found.notes]
+
+
+def _mobility_words(found: Analysis) -> list[str]:
+    """What the legs leave, and how much of it manoeuvres reach."""
+    if not found.mobility:
+        return []
+    reached = found.filtration.generic.rank
+    return [
+        *found.mobility.describe(),
+        f"manoeuvres reach {reached} dimensions of the {found.mobility.reachable}",
+    ]
 
 
 def _row(name: str, words: str) -> str:
