@@ -134,7 +134,10 @@ def test_brackets_that_grow_too_large_are_refused(monkeypatch):
 @pytest.mark.parametrize("model", SYSTEMS)
 def test_the_first_layer_is_the_system(model):
     system = system_class(model)()
-    point = np.ones(system.state_space.size)
+    blocks = system.state_space.blocks
+    point = system.state_space.pack(
+        {b.name: np.eye(3) if b.kind == "rotation" else np.ones(b.shape) for b in blocks}
+    )
     values = LieAlgebra(system).layers[0].at(np.tile(point, (2, 1)))
     expected = system.vector_fields(point)
     if np.isfinite(expected).all():

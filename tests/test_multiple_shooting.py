@@ -340,6 +340,7 @@ class Stub:
     outcome: Outcome
     change: object = None
     kind = "stub"
+    takes_derivatives = False
     tolerance: float = 1e-6
     calls: list = field(default_factory=list)
 
@@ -443,4 +444,4 @@ def test_random_goals_are_reproducible_and_on_the_starts_side():
         assert np.abs(goal["position"][:2]).max() <= 8
         assert 18 <= goal["position"][2] <= 40
         assert goal["orientation"][2, 2] >= np.cos(np.radians(30)) - 1e-12
-        assert planning._refused(replace(problem, goal=goal), MultipleShooting()) is None
+        assert planning.refused(replace(problem, goal=goal), MultipleShooting()) is None
