@@ -68,7 +68,10 @@ class Cold:
 def cold(command: Sequence[str]) -> Cold:
     """Runs a command as a fresh process. Errors: `RuntimeError` where it fails."""
     launcher = [sys.executable, "-I", "-S", str(SCRIPTS / "cold.py"), *command]
-    said = json.loads(subprocess.run(launcher, check=True, capture_output=True, text=True).stdout)
+    # as users run it: Python keeps what it has compiled
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+    done = subprocess.run(launcher, check=True, capture_output=True, text=True, env=environment)
+    said = json.loads(done.stdout)
     if said["status"] != 0:
         raise RuntimeError(f"{' '.join(command)} ended with status {said['status']}")
     return Cold(said["seconds"], said["megabytes"])
