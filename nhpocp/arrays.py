@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cache
-from math import sqrt
 from typing import Any
 
 Array = Any  # np.ndarray, or a CasADi SX, MX or DM
@@ -124,11 +123,6 @@ def norm(a: Array) -> Array:
     """Euclidean length of a vector; not differentiable at 0."""
     xp = namespace(a)
     return xp.sqrt(xp.dot(a, a))
-
-
-def length(numbers: Array) -> float:
-    """Euclidean length of a vector of numbers; NumPy's own asks first what kind of norm is meant."""
-    return sqrt(float(numbers @ numbers))
 
 
 def unit(a: Array) -> Array:

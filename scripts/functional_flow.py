@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from goals import paper_task
@@ -101,13 +102,14 @@ def distance_of_means(control: Control, times: np.ndarray, values: np.ndarray) -
     return float(np.linalg.norm(control.coefficients.T - means) / np.linalg.norm(means))
 
 
-def draw(path: Path, times: np.ndarray, values: np.ndarray, found: dict[int, Control]) -> None:
+def figure(times: np.ndarray, values: np.ndarray, found: dict[int, Control]) -> Any:
+    """The third input after all steps, and the distances."""
     import matplotlib
 
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
-    figure, (left, right) = plt.subplots(1, 2, figsize=(8.4, 3.2), layout="constrained")
+    drawn, (left, right) = plt.subplots(1, 2, figsize=(8.4, 3.2), layout="constrained")
     for intervals, color in zip((5, 10, 40), ("#9ecae1", "#4292c6", "#084594"), strict=True):
         left.plot(times, found[intervals](times)[:, 2], color=color, lw=1.2, label=f"(16), $N$ = {intervals}")
     left.plot(times, values[:, 2], color="#d94801", lw=1.6, ls="--", label="(14)")
@@ -131,8 +133,7 @@ def draw(path: Path, times: np.ndarray, values: np.ndarray, found: dict[int, Con
     )
     right.minorticks_off()
     right.legend(frameon=False, fontsize=8)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=110, metadata={"Software": None})
+    return drawn
 
 
 def main() -> None:
@@ -145,7 +146,8 @@ def main() -> None:
     for intervals, control in found.items():
         apart = distance(control, times, values), distance_of_means(control, times, values)
         print(f"N = {intervals:4}   from v {apart[0]:.5f}   from its means {apart[1]:.6f}")
-    draw(target, times, values, found)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    figure(times, values, found).savefig(target, dpi=110, metadata={"Software": None})
     print(f"picture: {target}")
 
 

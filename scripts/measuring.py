@@ -52,11 +52,6 @@ def medians(times: Mapping[Name, Sequence[float]]) -> dict[Name, float]:
     return {name: median(found) for name, found in times.items()}
 
 
-def seconds(runs: Mapping[Name, Callable[[], object]], rounds: int) -> dict[Name, float]:
-    """Median time of one call of each."""
-    return medians(interleaved(runs, rounds))
-
-
 @dataclass(frozen=True)
 class Cold:
     """A whole process."""

@@ -10,6 +10,7 @@ import shutil
 import subprocess
 import tempfile
 from pathlib import Path
+from typing import Any
 
 import functional_flow
 from goals import paper_task
@@ -29,25 +30,34 @@ def main() -> None:
         problem = nhpocp.load_problem(ROOT / "problems" / f"{name}.yaml")
         solution = nhpocp.solve(problem)
         for picture in pictures:
-            figure = getattr(figures, picture)(solution)
-            figure.savefig(PICTURES / f"{name}_{picture}.png", dpi=110, metadata={"Software": None})
+            save(getattr(figures, picture)(solution), f"{name}_{picture}")
         if name == "paper":
             photograph_report(problem)
     draw_singularities()
     draw_functional_flow()
 
 
+def save(figure: Any, name: str) -> None:
+    """Small: 64 colours are enough."""
+    from PIL import Image
+
+    path = PICTURES / f"{name}.png"
+    figure.savefig(path, dpi=110, metadata={"Software": None})
+    with Image.open(path) as image:
+        small = image.convert("RGB").quantize(64)
+    small.save(path, optimize=True)
+
+
 def draw_singularities() -> None:
     analysis = nhpocp.analyze(nhpocp.load_problem(ROOT / "problems" / f"{MAPPED}.yaml"))
-    figure = analysis_figures.singularity_map(analysis)
-    figure.savefig(PICTURES / f"{MAPPED}_map.png", dpi=110, metadata={"Software": None})
+    save(analysis_figures.singularity_map(analysis), f"{MAPPED}_map")
 
 
 def draw_functional_flow() -> None:
     problem = paper_task("default")
     times, values = functional_flow.functional_flow(problem)
     found = {n: functional_flow.coefficient_flow(problem, n) for n in functional_flow.INTERVALS}
-    functional_flow.draw(PICTURES / "functional_flow.png", times, values, found)
+    save(functional_flow.figure(times, values, found), "functional_flow")
 
 
 def photograph_report(problem: nhpocp.PlanningProblem) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 
-import benchmark_jacobians as jacobians
+import end_points as jacobians
 import own
 import rival_nlpsol
 import rival_opti

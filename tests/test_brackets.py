@@ -140,5 +140,5 @@ def test_the_first_layer_is_the_system(model):
     )
     values = LieAlgebra(system).layers[0].at(np.tile(point, (2, 1)))
     expected = system.vector_fields(point)
-    if np.isfinite(expected).all():
-        np.testing.assert_allclose(values, [expected, expected], rtol=1e-10, atol=1e-12)
+    assert np.isfinite(expected).all()
+    np.testing.assert_allclose(values, [expected, expected], rtol=1e-10, atol=1e-12)

@@ -23,6 +23,7 @@ from nhpocp.flow import kernel_build, kernel_cache, kernel_source, kernels, shot
 from nhpocp.flow.dynamics import Dynamics
 from nhpocp.flow.end_point_map import DifferentiatedEndPointMap
 from nhpocp.flow.integrators import RungeKutta4
+from nhpocp.flow.kernel_cache import NotCompilableError
 from nhpocp.flow.kernel_source import _accessed
 from nhpocp.flow.kernels import Compiled, CompiledWhenReady, Interpreted
 from nhpocp.flow.runge_kutta import Scheme
@@ -420,7 +421,7 @@ def test_always_needs_a_compiler(monkeypatch):
 
 
 def test_code_that_is_not_straight_lines_is_refused():
-    with pytest.raises(NotImplementedError):
+    with pytest.raises(NotCompilableError):
         _accessed("  if (casadi_f3(arg, res, iw, w, 0)) return 1;")
 
 

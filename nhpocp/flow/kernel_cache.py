@@ -36,13 +36,17 @@ _said: set[str] = set()
 K = TypeVar("K")
 
 
+class NotCompilableError(Exception):
+    """There can be no kernel of some functions; says why."""
+
+
 class Place(Generic[K]):
     """What a process knows of one kernel."""
 
     def __init__(
         self, identity: Callable[[], str], source: Callable[[], str], loaded: Callable[[Path], K]
     ) -> None:
-        """``identity``: all that the C text depends on, cheap to say. ``source``: that text, or `NotImplementedError`.
+        """``identity``: all that the C text depends on, cheap to say. ``source``: that text, or `NotCompilableError`.
 
         ``loaded``: the kernel of a file, `OSError` or `AttributeError` where it is none.
         """
@@ -82,10 +86,7 @@ class Place(Generic[K]):
             if c_compiler() is None:
                 self._give_up("no C compiler was found")
                 return False
-            try:
-                self._key = _key(self._identity())
-            except NotImplementedError as error:
-                self._give_up(str(error))
+            self._key = _key(self._identity())
         return bool(self._key)
 
     def _stored(self) -> Path | None:
@@ -103,7 +104,7 @@ class Place(Generic[K]):
     def _text(self) -> str:
         try:
             return self._source()
-        except NotImplementedError as error:
+        except NotCompilableError as error:
             self._give_up(str(error))
             return ""
 

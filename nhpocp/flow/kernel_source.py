@@ -12,6 +12,7 @@ from collections.abc import Sequence
 
 import casadi as ca
 
+from nhpocp.flow.kernel_cache import NotCompilableError
 from nhpocp.flow.runge_kutta import Scheme
 
 LANES = 8  # samples side by side
@@ -161,7 +162,7 @@ CASADI_SYMBOL_EXPORT void nhpocp_sweep(long long steps, const double *h, const l
 def c_source(scheme: Scheme) -> str:
     """The C text of `nhpocp_sweep` for one scheme.
 
-    Errors: `NotImplementedError` where CasADi's code is more than straight lines.
+    Errors: `NotCompilableError` where CasADi's code is more than straight lines.
     """
     functions = {
         "step": scheme.step,
@@ -187,7 +188,7 @@ def c_source(scheme: Scheme) -> str:
 def straight_lines(functions: Sequence[ca.Function]) -> tuple[str, list[str]]:
     """CasADi's helpers and each function's code, its arguments and results behind the macros X0, X1, … and Y0, Y1, ….
 
-    Errors: `NotImplementedError` where that is more than straight lines.
+    Errors: `NotCompilableError` where that is more than straight lines.
     """
     generator = ca.CodeGenerator("nhpocp_kernel")
     for function in functions:
@@ -195,7 +196,7 @@ def straight_lines(functions: Sequence[ca.Function]) -> tuple[str, list[str]]:
     text = generator.dump()
     found = _FUNCTION.findall(text)
     if len(found) != len(functions):
-        raise NotImplementedError("CasADi's code for these functions is not straight lines")
+        raise NotCompilableError("CasADi's code for these functions is not straight lines")
     # CasADi's helpers are exported, and so never inlined
     head = _HELPER.sub(
         "static inline casadi_real casadi_", text[: text.index(f"\n/* {functions[0].name()}:(")]
@@ -211,5 +212,5 @@ def _accessed(body: str) -> str:
     """A function's code with its arguments and results behind the macros X and Y."""
     body = _OUTPUT.sub(r"Y\1(\2)=", _INPUT.sub(r"X\1(\2)", body))
     if _OTHER.search(body):
-        raise NotImplementedError("CasADi's code for this function is not straight lines")
+        raise NotCompilableError("CasADi's code for this function is not straight lines")
     return body

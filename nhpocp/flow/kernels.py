@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -36,12 +37,12 @@ class Kernels(Protocol):
         ...
 
 
-class _Way:
+class _Way(ABC):
     """Both kinds of work, for one answer to when a kernel is wanted."""
 
+    @abstractmethod
     def wanted(self, place: Place[K], agrees: Callable[[K], bool], foreseen: float) -> K | None:
         """The kernel of a place if it is to be used; the work to come is foreseen to take that many seconds without."""
-        raise NotImplementedError
 
     def swept(self, scheme: Scheme, sweep: Sweep) -> Swept:
         def agrees(kernel: SweepKernel) -> bool:

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import casadi as ca
 
+from nhpocp.flow.kernel_cache import NotCompilableError
 from nhpocp.flow.kernel_source import LANES, straight_lines
 from nhpocp.flow.shot import Shot
 
@@ -269,14 +270,14 @@ CASADI_SYMBOL_EXPORT void nhpocp_shots(long long N, long long steps, long long s
 def c_source(shot: Shot) -> str:
     """The C text of `nhpocp_shots` for the parts of an interval.
 
-    Errors: `NotImplementedError` where CasADi's code is more than straight lines, or too long.
+    Errors: `NotCompilableError` where CasADi's code is more than straight lines, or too long.
     """
     functions, texts = [], []
     for part, name in zip(shot.parts, ("opened", "slope", "rows", "closed"), strict=True):
         for way, function in _ways(name, part).items():
             functions.append((f"{name}_{way}", way, function))
     if sum(function.n_instructions() for _, _, function in functions) > MOST:
-        raise NotImplementedError("the equations of an interval are too long for a compiler")
+        raise NotCompilableError("the equations of an interval are too long for a compiler")
     head, bodies = straight_lines([function for _, _, function in functions if function.nnz_out()])
     found = iter(bodies)
     for name, way, function in functions:

@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from nhpocp.arrays import Array, length
+from nhpocp.arrays import Array, norm
 from nhpocp.flow.end_point_map import EndPoint
 from nhpocp.problem import PlanningProblem
 
@@ -40,4 +40,4 @@ class EndPointError:
     def norm(self) -> float:
         """E(θ), [Paper] section 4."""
         pairs = zip(self._tasks, self._differences, strict=True)
-        return length(np.concatenate([task.weights * difference for task, difference in pairs]))
+        return float(norm(np.concatenate([task.weights * difference for task, difference in pairs])))

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from nhpocp.arrays import Array, length
+from nhpocp.arrays import Array, norm
 from nhpocp.errors import OrientationAtPiError
 from nhpocp.flow.end_point_map import EndPoint, EndPointMap
 from nhpocp.problem import PlanningProblem
@@ -52,7 +52,7 @@ class Evaluation:
     @property
     def merit(self) -> float:
         """|e| in the scale in which the direction was found; infinite where there is none."""
-        return length(self.vector) if self.vector is not None else np.inf
+        return float(norm(self.vector)) if self.vector is not None else np.inf
 
 
 class Evaluator:

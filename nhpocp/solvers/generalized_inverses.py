@@ -7,7 +7,7 @@ from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
-from nhpocp.arrays import Array, length
+from nhpocp.arrays import Array, norm
 from nhpocp.controls.basis import ControlBasis
 from nhpocp.errors import InvalidProblemError
 
@@ -72,7 +72,7 @@ class Coordinates:
 
     def length(self, coefficients: Array) -> float:
         """√⟨λ, λ⟩."""
-        return length(self.factor.T @ coefficients)
+        return float(norm(self.factor.T @ coefficients))
 
 
 def weight_root(weights: Any, size: int, *, definite: bool) -> Array:

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from nhpocp.arrays import Array, length
+from nhpocp.arrays import Array, norm
 
 Constraint = Callable[[Array], tuple[Array, Array] | None]  # y ↦ (e, J), None where the path cannot be used
 Cost = Callable[[Array], tuple[float, Array]]  # y ↦ (f, ∇f)
@@ -99,28 +99,24 @@ def minimise(
     history: list[dict[str, Any]] = []
     idle = 0
     for k in range(most):
-        history.append({"k": k, "cost": point.f, "optimality": length(point.residual)})
+        history.append({"k": k, "cost": point.f, "optimality": float(norm(point.residual))})
         step = point.step(model)
-        slope = max(1.0, length(point.gradient))
+        slope = max(1.0, float(norm(point.gradient)))
         try:
             if history[-1]["optimality"] < tolerance * slope or step.promised <= NOTHING * abs(point.merit):
                 search.settle(point)
                 return search.result(True, history, model)
             there = search.along(point, step)
-            if there is None and not search.on_surface(
-                point
-            ):  # too far beside it for steps that have become short
-                back = search.restored(point.y, seen=point)
-                if back:
-                    point = back
-                    continue
+            back = None if there else search.back(point)
         except LimitReached:  # what was found so far is kept
             return search.result(False, history, model)
-        if there is None and not fresh:  # the model was at fault: begin again from its exact part
-            model, fresh = first, True
-            continue
         if there is None:
-            break
+            if back is None and fresh:
+                break
+            if back is None:  # the model was at fault: begin again from its exact part
+                model, fresh = first, True
+            point = back or point
+            continue
         change = there.lagrangian_slope(there) - point.lagrangian_slope(there)
         model, fresh = _bfgs(model, there.y - point.y, change, curvature), False
         idle = idle + 1 if search.gain(point, there) < NOISE * abs(point.merit) else 0
@@ -215,9 +211,13 @@ class _Search:
 
     def settle(self, point: _Point) -> None:
         """Keeps a point, brought all the way to the surface; what was kept before, if that fails or costs more."""
-        found = point if self.on_surface(point) else self.restored(point.y, seen=point)
-        if found and (self.kept is None or found.merit <= self.kept.merit):
+        found = point if self.on_surface(point) else self.back(point)
+        if found and (self.kept is None or self.gain(self.kept, found) >= -NOISE * abs(found.merit)):
             self.kept = found
+
+    def back(self, point: _Point) -> _Point | None:
+        """A point beside the surface brought to it, from where steps that have become short may succeed; else None."""
+        return None if self.on_surface(point) else self.restored(point.y, seen=point)
 
     def restored(
         self,
@@ -241,7 +241,7 @@ class _Search:
             if evaluated is None:
                 return None
             e, J = evaluated
-            size, back = length(e), np.linalg.lstsq(J, e, rcond=None)[0]
+            size, back = norm(e), np.linalg.lstsq(J, e, rcond=None)[0]
             if size < self.goal or (near and size < far and near(back)):
                 return self._point(y, e, J)
             if size > min(0.5 * last, far):
@@ -262,8 +262,8 @@ class _Search:
         On a strongly curved surface the model promises steps that lead nowhere; none is tried that is more than
         ``REACH`` times as long as the last that was kept.
         """
-        size = length(step.along)
-        reach = self.reach or FIRST_REACH * (1.0 + length(point.y))
+        size = norm(step.along)
+        reach = self.reach or FIRST_REACH * (1.0 + norm(point.y))
         share = min(1.0, reach / size) if size > 0 else 1.0
         for _ in range(HALVINGS):
             least = 1e-4 * share * step.promised - NOISE * abs(point.merit)
@@ -284,7 +284,7 @@ class _Search:
         return point.merit - there.merit + float(point.mu @ (point.e - there.e))
 
     def on_surface(self, point: _Point) -> bool:
-        return length(point.e) < self.goal
+        return bool(norm(point.e) < self.goal)
 
     def result(self, converged: bool, history: list[dict[str, Any]], hessian: Array) -> NullSpaceResult:
         """What was kept."""
@@ -292,13 +292,13 @@ class _Search:
         if point is None:
             raise RuntimeError("a search that has not begun")
         rows = self.penalty.shift - point.excess if self.penalty else point.excess
-        sizes = length(point.residual), length(point.e)
+        sizes = float(norm(point.residual)), float(norm(point.e))
         return NullSpaceResult(point.y, point.f, *sizes, converged, self.evaluations, history, hessian, rows)
 
 
 def _near_enough(step: _Step, share: float, back: Array) -> bool:
     """Whether a step may end beside the surface, Newton's way back left to the next one."""
-    short = length(back) < BESIDE * share * length(step.along)
+    short = bool(norm(back) < BESIDE * share * norm(step.along))
     return short and 0.5 * float(back @ step.hessian @ back) < BESIDE * share * step.promised
 
 

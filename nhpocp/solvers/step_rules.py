@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
-from nhpocp.arrays import Array, length
+from nhpocp.arrays import Array, norm
 from nhpocp.solvers.evaluation import Evaluation
 
 Evaluate = Callable[[Array, float], Evaluation]  # (coefficients, γ that led there) ↦ the evaluation, recorded
@@ -72,7 +72,7 @@ class Adaptive:
         smallest = 1e-7 * radius
         while radius > smallest and here.direction is not None and here.vector is not None:
             step, image = here.direction.within(radius)
-            promised = here.merit - length(here.vector + image)
+            promised = here.merit - float(norm(here.vector + image))
             if not promised > 1e-9 * here.merit:
                 return
             size = here.direction.length(step)
