@@ -146,6 +146,13 @@ def test_a_free_orientation_may_be_anything():
 # --- step rules ---------------------------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize("step_rule", [Euler(), Adaptive(), Ode()], ids=lambda rule: rule.kind)
+def test_every_step_rule_reaches_the_goal_from_a_seeded_start(step_rule):
+    """`max_iterations` counts updates: those of `Ode` take 13 evaluations each."""
+    solution = planning.solve(paper_problem(initial=None), Continuation(step_rule=step_rule))
+    assert solution.converged
+
+
 def test_ode_keeps_the_error_on_its_exponential(problem):
     """[Paper] eq. (9): log e(θ) is straight with slope -γ, to 1e-6."""
     solution = Continuation(step_rule=Ode(0.1)).solve(problem)

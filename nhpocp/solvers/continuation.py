@@ -149,7 +149,7 @@ class _Run:
         factor = solver.metric.factor(problem.basis, problem.system.input_space.size, self.horizon)
         self.evaluator = Evaluator(problem, self.map, solver.inverse, Coordinates(factor))
         self.records: list[Deferred] = []
-        self.updates, self.limit = 0, solver.max_iterations
+        self.updates, self.limit = 0, solver.max_iterations * solver.step_rule.evaluations
         self.details: dict[str, Any] = {}
         self.here: Evaluation | None = None
         self.interruption = Interruption()
@@ -284,7 +284,7 @@ class _Run:
             values = " ".join(f"{x:.2g}" for x in direction.singular_values)
             sentence = f"the Jacobian has rank {direction.rank} of {rows} (singular values {values}), E = {error:.3g}"
             return Outcome.RANK_DEFICIENT, f"Update {k}: {sentence}"
-        if len(self.records) > self.solver.max_iterations:
+        if len(self.records) > self.limit:
             sentence = f"E = {error:.3g} after {len(self.records)} evaluations"
             return Outcome.ITERATION_LIMIT, f"{sentence}, tolerance {self.solver.tolerance:g}"
         return self.stagnation()

@@ -18,6 +18,7 @@ class StepRule(Protocol):
     """The updates of one continuation."""
 
     kind: ClassVar[str]
+    evaluations: ClassVar[int] = 1  # that an update takes; trials that are refused count besides
 
     def updates(self, here: Evaluation, evaluate: Evaluate) -> Iterator[Evaluation]:
         """Yields every control that becomes the current one; may evaluate others between. Ends if it is at a loss."""
@@ -36,7 +37,7 @@ def full_step(here: Evaluation) -> Array:
 
 
 @dataclass(frozen=True)
-class Euler:
+class Euler(StepRule):
     """Λ ← Λ - γ J^# e, [Paper] eq. (17). The paper names no γ; 0.1 is ours."""
 
     gamma: float = 0.1
@@ -52,7 +53,7 @@ class Euler:
 
 
 @dataclass(frozen=True)
-class Adaptive:
+class Adaptive(StepRule):
     """Steps inside a trust region |ΔΛ| ≤ Δ. [Nocedal, Wright, Numerical Optimization, ch. 4 and 10]
 
     Of all steps so short the one is taken that reduces the linear model |e + J δλ| most (`Direction.within`); the share
@@ -94,7 +95,7 @@ class Adaptive:
 
 
 @dataclass(frozen=True)
-class Ode:
+class Ode(StepRule):
     """(16) itself, dΛ/dθ = -γ J^# e, integrated in θ by an adaptive Runge–Kutta scheme.
 
     Then e(θ) = e^{-γθ} e(0) to the integration's tolerance, [Paper] eq. (9); an update's γ is γ Δθ. By SciPy's DOP853
@@ -104,6 +105,7 @@ class Ode:
     gamma: float = 0.1
     tolerance: float = 1e-9
     kind: ClassVar[str] = "ode"
+    evaluations: ClassVar[int] = 13  # DOP853's stages, and the end of the step for the record
 
     def updates(self, here: Evaluation, evaluate: Evaluate) -> Iterator[Evaluation]:
         from scipy.integrate import DOP853
