@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -51,6 +51,18 @@ def progress(quiet: bool) -> Iterator[Progress | None]:
             status.update(f"{run}iteration {record['k']}{words}")
 
         yield show
+
+
+@contextmanager
+def counter(quiet: bool, word: str) -> Iterator[Callable[[int, int], None] | None]:
+    """How many of what is made are done, on a terminal only."""
+    if quiet or not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+
+    with Console(stderr=True).status(word) as status:
+        yield lambda done, count: status.update(f"{word} {done} of {count}")
 
 
 def report(solution: Solution, folder: Path) -> None:

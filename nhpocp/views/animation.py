@@ -1,0 +1,143 @@
+"""Motions as one self-contained page that plays: scenes side by side on one clock, and the quantities over time.
+
+The page carries its own painter and player (animation_*.js), 30 kB of script. plotly was tried first: moving one ball
+and 100 line points cost it 41 ms of script a frame (headless Chromium, median of 60), its script alone is 4.8 MB, and
+its scenes need WebGL, which remote desktops often lack. This draws the paper's robot in a tenth of that anywhere.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup
+
+from nhpocp.comparison import Entry
+from nhpocp.errors import InvalidProblemError
+from nhpocp.solution import Solution
+from nhpocp.views import curves, drawing, plots, report_words
+from nhpocp.views.finite_path import path_of
+from nhpocp.views.scene import drawn, scene
+
+TEMPLATE = "animation.html.jinja"
+MARKER = "nhpocp animate"  # in every file that this makes, so that it may be replaced
+LARGEST = 8  # motions side by side
+
+
+def write_animation(entries: Sequence[Entry], path: str | os.PathLike[str]) -> Path:
+    """Writes the page and returns its path. The same solutions give the same bytes.
+
+    Errors: `InvalidProblemError` as of `check_motions`.
+    """
+    target = Path(path)
+    target.write_text(render(entries), encoding="utf-8")
+    return target
+
+
+def with_motion(entries: Sequence[Entry]) -> list[Entry]:
+    """Those that have a path to show, the first `LARGEST` of them."""
+    return [entry for entry in entries if entry.tried and path_of(entry.solution).samples][:LARGEST]
+
+
+def check_motions(entries: Sequence[Entry]) -> None:
+    """Errors: `InvalidProblemError` for a solution without a path, for too many, and for motions in space beside
+    motions in the plane; different systems of one dimension may stand side by side."""
+    if len(entries) > LARGEST:
+        raise InvalidProblemError(f"{len(entries)} solutions; expected at most {LARGEST} side by side")
+    dimensions: dict[int, str] = {}
+    for entry in entries:
+        solution, place = entry.solution, entry.folder or entry.solution.problem.name
+        if not path_of(solution).samples:
+            raise InvalidProblemError(
+                f"this solution has no path to show: it ended as {solution.outcome.value}, {solution.message}",
+                file=place,
+            )
+        numbers = drawing.dimension(drawn(solution.problem.system, solution.problem.start_point))
+        dimensions.setdefault(numbers, place)
+    if len(dimensions) > 1:
+        raise InvalidProblemError(
+            f"{dimensions[2]} moves in the plane and {dimensions[3]} in space; expected motions of one kind"
+        )
+
+
+def render(entries: Sequence[Entry]) -> str:
+    """The page as text."""
+    check_motions(entries)
+    names = report_words.titles(entries)
+    problems = list(dict.fromkeys(entry.solution.problem.name for entry in entries))
+    if len(problems) > 1:
+        names = [f"{e.solution.problem.name}, {name}" for e, name in zip(entries, names, strict=True)]
+    runs = [run(entry.solution, name) for entry, name in zip(entries, names, strict=True)]
+    horizon = max(path_of(entry.solution).times[-1] for entry in entries)
+    data = {"horizon": float(horizon), "runs": runs}
+    _one_box(entries, runs)
+    environment = Environment(
+        loader=FileSystemLoader(Path(__file__).parent),
+        autoescape=True,  # names and messages are users' words
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    times = sorted({crossing["t"] for run in runs for crossing in run["crossings"]})
+    text = json.dumps(data, allow_nan=False, ensure_ascii=False, separators=(",", ":"))
+    return environment.get_template(TEMPLATE).render(
+        title=f"The motion of {', '.join(problems)}",
+        lead=_lead(runs, times),
+        data=data,
+        ticks=[f"{t / horizon:.4f}" for t in times],
+        marker=MARKER,
+        text=Markup(text.replace("<", "\\u003c")),  # no end of the script inside it
+    )
+
+
+def _lead(runs: Sequence[Any], crossings: Sequence[float]) -> str:
+    words = "Positions are those of the stored trajectory. Dashed outlines are the start and the goal"
+    if crossings:
+        words += "; red marks are singularities that the path crosses"
+    return f"{words}. {'All motions run on one clock. ' if len(runs) > 1 else ''}"
+
+
+def run(solution: Solution, title: str) -> dict[str, Any]:
+    """One solution's part of the page's data."""
+    shown, panels = scene(solution), curves.panels(solution)
+    error = solution.verdict.error if solution.verdict else None
+    ending = solution.outcome.value.replace("_", " ")
+    verified = "" if error is None else f", verified error E = {error:.2g}"
+    system = solution.problem.system.model
+    alarms = [*plots.crossing_words(solution), *filter(None, [path_of(solution).words])]
+    if not solution.converged:
+        alarms.append(f"This motion is not a verified solution: {solution.message}")
+    return {
+        "title": title,
+        "words": f"{system}: {ending}{verified}, ∫|control|² dt = {solution.control.effort:.5g}",
+        "alarms": alarms,
+        "description": f"The moving {system} of {title}, from start to goal; the curves give its numbers over time",
+        "legend": _legend(solution),
+        "has_more": any(panel.get("more") for panel in panels),
+        "panels": panels,
+        **shown,
+    }
+
+
+def _legend(solution: Solution) -> list[tuple[str, str]]:
+    entries = drawing.legend_entries(drawn(solution.problem.system, solution.problem.start_point))
+    return [(str(curves.markup(words)), look["color"]) for words, look in entries]
+
+
+def _one_box(entries: Sequence[Entry], runs: Sequence[dict[str, Any]]) -> None:
+    """Motions of one system are seen in one box, so that they can be compared by eye."""
+    first = entries[0].solution.problem.system
+    same = all(
+        (e.solution.problem.system.model, e.solution.problem.system.parameters())
+        == (first.model, first.parameters())
+        for e in entries
+    )
+    if same:
+        low = [min(values) for values in zip(*(run["low"] for run in runs), strict=True)]
+        high = [max(values) for values in zip(*(run["high"] for run in runs), strict=True)]
+        for part in runs:
+            part.update(low=low, high=high)

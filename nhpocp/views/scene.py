@@ -1,0 +1,171 @@
+"""A motion as the parts that an animation moves: the arrays of `System.drawing` along the stored trajectory.
+
+Positions are those of the trajectory, in full precision where a part has two ends; nothing here knows a system.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from nhpocp.arrays import Array
+from nhpocp.solution import Solution
+from nhpocp.systems.system import System
+from nhpocp.views import drawing
+from nhpocp.views.drawing import FILLS, is_closed, kinds_of, open_line_style, split_name
+from nhpocp.views.finite_path import path_of
+from nhpocp.views.plots import crossing_times
+
+MOST = 1001  # samples in a page: what is finer is shown by every so many
+PLAIN, DARK = "#e8ebef", "#4b5563"  # of balls and of bars that have no line's colour
+DIGITS = 6  # of curves in space, relative to the size of the scene
+Part = dict[str, Any]
+
+
+def drawn(system: System, state: Array) -> Mapping[str, Any]:
+    """A system's drawing; for one that draws nothing its first numbers as a point, or its body's axes."""
+    found = system.drawing(state)
+    if found["lines"] or found["points"]:
+        return found
+    values = system.state_space.unpack(state)
+    plain = [np.ravel(values[block.name]) for block in system.state_space.blocks if block.kind != "rotation"]
+    if plain:
+        numbers = np.concatenate(plain)[:3]
+        point = np.pad(numbers, (0, max(0, 2 - len(numbers))))
+        return {"lines": {}, "points": {"state": point[None]}, "trace": point}
+    turned = values[system.state_space.blocks[0].name]
+    axes = {f"axis {i + 1}": np.array([np.zeros(3), turned[:, i]]) for i in range(3)}
+    return {"lines": axes, "points": {}, "trace": turned[:, 2]}
+
+
+def chosen_samples(solution: Solution) -> Array:
+    """Indices of the samples that are shown: all finite ones, or `MOST` of them with both ends."""
+    count = path_of(solution).samples
+    return np.unique(np.linspace(0, count - 1, min(count, MOST)).round().astype(int))
+
+
+def scene(solution: Solution) -> dict[str, Any]:
+    """Plain data of one run's scene: times, parts, trace, ghosts, crossings, and the corners of a box around all."""
+    system, chosen = solution.problem.system, chosen_samples(solution)
+    times, states = path_of(solution).times[chosen], drawing.states_of(solution, path_of(solution))[chosen]
+    frames = [drawn(system, state) for state in states]
+    parts = _parts(frames)
+    trace = np.array([frame["trace"] for frame in frames], dtype=float) if "trace" in frames[0] else None
+    if trace is None:
+        points = drawing.path_points(solution, path_of(solution))
+        trace = points[chosen] if len(points) else None
+    moving = {part["line"] for part in parts if part.get("line") and len(part["values"]) > 1}
+    ends = [("start", drawn(system, solution.problem.start_point))]
+    if set(solution.problem.goal) == set(system.state_space.names):
+        ends.append(("goal", drawn(system, solution.problem.goal_point)))
+    ghosts = [{"words": words, "outlines": _outlines(end, moving)} for words, end in ends]
+    low, high = _box([*frames, *(end for _, end in ends)], trace)
+    grain = DIGITS - int(np.floor(np.log10(max(float((high - low).max()), 1e-9))))
+    for part in parts:
+        values, exact = part.pop("values"), part["kind"] in ("rod", "line") and part.pop("exact")
+        part["values"] = (values if exact else values.round(max(grain, 0))).tolist()
+    return {
+        "times": times.tolist(),
+        "parts": parts,
+        "trace": None if trace is None else trace.round(max(grain, 0)).tolist(),
+        "ghosts": ghosts,
+        "crossings": [_crossing(which, t, times, trace) for which, t in _crossings(solution)],
+        "low": low.tolist(),
+        "high": high.tolist(),
+        "axes": [name.replace("$", "") for name in drawing.axis_names(system, len(low))],
+    }
+
+
+def _crossings(solution: Solution) -> list[tuple[str, float]]:
+    return sorted(
+        ((which, t) for which, times in crossing_times(solution).items() for t in times), key=lambda c: c[1]
+    )
+
+
+def _crossing(which: str, time: float, times: Array, trace: Array | None) -> dict[str, Any]:
+    """A change of sign of a determinant, with the place on the trace where it happens."""
+    words = f"{which.removeprefix('det_').upper()}"
+    point = None if trace is None else [float(np.interp(time, times, column)) for column in trace.T]
+    return {"words": f"det {words} = 0", "t": time, "point": point, "margin": which.replace("det_", "sigma_")}
+
+
+def _parts(frames: list[Mapping[str, Any]]) -> list[Part]:
+    """Every solid, every line and group of points that none replaces; what stands still has one sample."""
+    first = frames[0]
+    lines = {name: np.asarray(line, dtype=float) for name, line in first["lines"].items()}
+    solids = first.get("solids", {})
+    replaced = {name for key, solid in solids.items() for name in (key, *solid["replaces"])}
+    colours, parts = _colours(lines), []
+    for name, solid in solids.items():
+        keys = ("ends",) if "ends" in solid else ("centre", "rotation")
+        values = [_along(frames, lambda frame, n=name, k=key: frame["solids"][n][k]) for key in keys]
+        part: Part = {"name": name, "radius": float(solid["radius"]), "line": name if name in lines else None}
+        if "ends" in solid:
+            lengths = np.linalg.norm(values[0][:, 1] - values[0][:, 0], axis=1)
+            part |= {"kind": "rod", "colour": colours.get(name, DARK), "values": values[0], "exact": True}
+            if np.ptp(lengths) > 1e-6 * lengths.max():  # a piston, which at its shortest is nearly inside
+                part["tube"] = 0.62 * float(lengths.min())
+        else:
+            rows = max(len(value) for value in values)
+            centre, turned = (np.broadcast_to(value, (rows, *value.shape[1:])) for value in values)
+            joined = np.concatenate([centre[:, None], turned.transpose(0, 2, 1)], axis=1)  # centre, then axes
+            part |= {"kind": "ball", "colour": PLAIN, "values": joined}
+        parts.append(part)
+    for name, line in lines.items():
+        if name in replaced or split_name(name)[0] in replaced:
+            continue
+        values = _along(frames, lambda frame, n=name: frame["lines"][n])
+        kind = "surface" if is_closed(line) else "line"
+        part = {"name": name, "line": name, "kind": kind, "colour": colours[name], "values": values}
+        if kind == "line":
+            style = open_line_style(list(kinds_of(lines)).index(split_name(name)[0]), None)
+            part |= {"width": 1.4 * style["linewidth"], "exact": len(line) == 2}
+        parts.append(part)
+    for name in first["points"]:
+        if name not in replaced:
+            values = _along(frames, lambda frame, n=name: frame["points"][n])
+            parts.append({"name": name, "kind": "points", "colour": "#ffffff", "values": values})
+    return parts
+
+
+def _along(frames: list[Mapping[str, Any]], of: Any) -> Array:
+    """One array over all frames, samples first; a single sample where it never changes."""
+    values = np.array([np.asarray(of(frame), dtype=float) for frame in frames])
+    return values[:1] if (values == values[0]).all() else values
+
+
+def _colours(lines: Mapping[str, Array]) -> dict[str, str]:
+    """The colours that the pictures on paper give to lines."""
+    kinds, colours = list(kinds_of(lines)), {}
+    closed = [name for name, line in lines.items() if is_closed(line)]
+    for name in lines:
+        kind, number = split_name(name)
+        if name in closed:
+            colours[name] = FILLS[closed.index(name) % len(FILLS)]
+        else:
+            colours[name] = str(open_line_style(kinds.index(kind), number)["color"])
+    return {name: "#b8b8b8" if colour == FILLS[0] else colour for name, colour in colours.items()}
+
+
+def _outlines(shown: Mapping[str, Any], moving: set[Any]) -> list[list[list[float]]]:
+    """What a ghost shows: the outlines of bodies that move, or where there are none every line that does."""
+    lines = {name: np.asarray(line, dtype=float) for name, line in shown["lines"].items()}
+    closed = {name: line for name, line in lines.items() if is_closed(line)}
+    bodies = {name: line for name, line in closed.items() if name in moving} or {
+        name: line for name, line in lines.items() if name in moving or not moving
+    }
+    return [line.tolist() for line in (bodies or closed or lines).values()]
+
+
+def _box(shown: list[Mapping[str, Any]], trace: Array | None) -> tuple[Array, Array]:
+    """(low, high) corners of a box around everything that is ever drawn."""
+    numbers = drawing.dimension(shown[0])
+    low, high = drawing.extent(*shown, points=np.empty((0, numbers)) if trace is None else trace)
+    for frame in shown:
+        for solid in frame.get("solids", {}).values():
+            places = np.reshape(solid["ends"] if "ends" in solid else solid["centre"], (-1, numbers))
+            low = np.minimum(low, places.min(axis=0) - solid["radius"])
+            high = np.maximum(high, places.max(axis=0) + solid["radius"])
+    return low, high
