@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
@@ -85,7 +86,7 @@ def render(entries: Sequence[Entry]) -> str:
     times = sorted({crossing["t"] for run in runs for crossing in run["crossings"]})
     text = json.dumps(data, allow_nan=False, ensure_ascii=False, separators=(",", ":"))
     return environment.get_template(TEMPLATE).render(
-        title=f"The motion of {', '.join(problems)}",
+        title=f"Motion: {', '.join(problems)}",
         lead=_lead(runs, times),
         data=data,
         ticks=[f"{t / horizon:.4f}" for t in times],
@@ -124,19 +125,30 @@ def run(solution: Solution, title: str) -> dict[str, Any]:
 
 
 def _legend(solution: Solution) -> list[tuple[str, str]]:
-    entries = drawing.legend_entries(drawn(solution.problem.system, solution.problem.start_point))
+    """Words (HTML) and colours of the legs and of the kinds of lines that the scene shows."""
+    shown = drawn(solution.problem.system, solution.problem.start_point)
+    gone = {name for key in shown.get("solids", {}).values() for name in key["replaces"]}
+    lines = {
+        name: line
+        for name, line in shown["lines"].items()
+        if not {name, drawing.split_name(name)[0]} & gone or drawing.is_closed(np.asarray(line))
+    }
+    entries = drawing.legend_entries({**shown, "lines": lines})
     return [(str(curves.markup(words)), look["color"]) for words, look in entries]
+
+
+def same_system(entries: Sequence[Entry]) -> bool:
+    """Whether all runs move one mechanism."""
+    systems = [entry.solution.problem.system for entry in entries]
+    return all(
+        system.model == systems[0].model and system.parameters() == systems[0].parameters()
+        for system in systems
+    )
 
 
 def _one_box(entries: Sequence[Entry], runs: Sequence[dict[str, Any]]) -> None:
     """Motions of one system are seen in one box, so that they can be compared by eye."""
-    first = entries[0].solution.problem.system
-    same = all(
-        (e.solution.problem.system.model, e.solution.problem.system.parameters())
-        == (first.model, first.parameters())
-        for e in entries
-    )
-    if same:
+    if same_system(entries):
         low = [min(values) for values in zip(*(run["low"] for run in runs), strict=True)]
         high = [max(values) for values in zip(*(run["high"] for run in runs), strict=True)]
         for part in runs:

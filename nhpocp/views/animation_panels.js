@@ -9,11 +9,12 @@ function element(name, attributes, parent) {
   return made;
 }
 
-function plain(value) { // a number for reading
+function plain(value, range) { // a number for reading; rounding errors are zero
+  if (value !== null && Math.abs(value) < 1e-10 * range) value = 0;
   if (value === null || !Number.isFinite(value)) return "–";
   const size = Math.abs(value), digits = size >= 1000 ? 0 : size >= 100 ? 1 : size >= 10 ? 2 : 3;
   const words = size !== 0 && (size < 1e-3 || size >= 1e6) ? value.toExponential(1) : value.toFixed(digits);
-  return words.replace("-", "\u2212").replace(/e(.+)$/, "e$1");
+  return words.replaceAll("-", "\u2212");
 }
 
 function valueAt(curve, t) {
@@ -102,7 +103,7 @@ class PanelView {
     this.cursor.setAttribute("transform", `translate(${x} 0)`);
     this.panel.curves.forEach((curve, i) => {
       const value = valueAt(curve, t), shown = value !== null && (!this.panel.log || value > 0);
-      this.readings[i].textContent = plain(value);
+      this.readings[i].textContent = plain(value, this.range[1] - this.range[0]);
       this.dots[i].setAttribute("transform", shown ? `translate(${x} ${this.y(value).toFixed(1)})` : "translate(-99 -99)");
     });
   }

@@ -78,7 +78,7 @@ class Scene {
     return [this.origin[0] + this.scale * dot(d, this.right), this.origin[1] - this.scale * dot(d, this.up)];
   }
 
-  depth(point) { return dot(point, this.eye); }
+  depth(point) { return this.flat ? 0 : dot(point, this.eye); } // in the plane what comes later lies on top
 
   draw(place) {
     const { pen } = this;
@@ -373,10 +373,13 @@ class Scene {
     pen.font = "italic 13px 'STIX Two Text', 'Source Serif 4', Charter, Georgia, 'DejaVu Serif', serif";
     pen.textBaseline = "middle"; pen.lineWidth = 3.5; pen.strokeStyle = "rgba(255,255,255,.9)"; pen.lineJoin = "round";
     const say = (words, x, y, colour, align) => { pen.textAlign = align; pen.strokeText(words, x, y); pen.fillStyle = colour; pen.fillText(words, x, y); };
+    let before = null;
     for (const ghost of this.run.ghosts) {
       const spots = ghost.outlines.flat().map((p) => this.project(p));
       if (!spots.length) continue;
       const best = spots.reduce((a, b) => (b[0] > a[0] ? b : a));
+      if (before && Math.hypot(best[0] - before[0], best[1] - before[1] - 10) < 16) best[1] = before[1] - 6;
+      before = best;
       say(ghost.words, best[0] + 7, best[1] + (ghost.words === "goal" ? -4 : 6), ghost.words === "goal" ? "#0b5d1e" : "#4d4d4d", "left");
     }
     for (const crossing of this.run.crossings) {

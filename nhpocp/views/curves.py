@@ -28,14 +28,21 @@ _LETTERS = dict(
 
 
 def markup(mathtext: str) -> Markup:
-    r"""Mathematics of `style.symbol` as HTML: $\dot{\theta}_{1}$ is θ̇ with a subscript."""
+    r"""Mathematics of `style.symbol` as HTML: $\dot{\theta}_{1}$ is θ̇ with a subscript; words stay words."""
     if not mathtext.startswith("$"):
         return escape(mathtext)
     text = mathtext.strip("$").replace(r"\min", "min")
     for name, letter in _LETTERS.items():
         text = text.replace(f"\\{name}", letter)
     text = str(escape(re.sub(r"\\dot\{(.)\}", "\\1\u0307", text)))
-    return Markup(re.sub(r"^([^_(]+)", r"<i>\1</i>", re.sub(r"_\{([^}]*)\}", r"<sub>\1</sub>", text)))
+    stem, _, below = text.partition("_")
+    letters, bracket, rest = stem.partition("(")
+    subscript = below.replace("{", "").replace("}", "")
+    if "(" in subscript:  # σ_{min}(S)
+        subscript, _, rest = subscript.partition("(")
+        bracket = "("
+    found = f"<i>{letters}</i>" + (f"<sub>{subscript}</sub>" if subscript else "")
+    return Markup(found + bracket + rest)
 
 
 def panels(solution: Solution) -> list[Panel]:

@@ -5,7 +5,7 @@ Positions are those of the trajectory, in full precision where a part has two en
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -56,7 +56,7 @@ def scene(solution: Solution) -> dict[str, Any]:
     if trace is None:
         points = drawing.path_points(solution, path_of(solution))
         trace = points[chosen] if len(points) else None
-    moving = {part["line"] for part in parts if part.get("line") and len(part["values"]) > 1}
+    moving = {name for name in frames[0]["lines"] if len(_along(frames, _line(name))) > 1}
     ends = [("start", drawn(system, solution.problem.start_point))]
     if set(solution.problem.goal) == set(system.state_space.names):
         ends.append(("goal", drawn(system, solution.problem.goal_point)))
@@ -95,13 +95,12 @@ def _parts(frames: list[Mapping[str, Any]]) -> list[Part]:
     """Every solid, every line and group of points that none replaces; what stands still has one sample."""
     first = frames[0]
     lines = {name: np.asarray(line, dtype=float) for name, line in first["lines"].items()}
-    solids = first.get("solids", {})
-    replaced = {name for key, solid in solids.items() for name in (key, *solid["replaces"])}
+    solids, replaced = first.get("solids", {}), replaced_by_solids(first)
     colours, parts = _colours(lines), []
     for name, solid in solids.items():
         keys = ("ends",) if "ends" in solid else ("centre", "rotation")
         values = [_along(frames, lambda frame, n=name, k=key: frame["solids"][n][k]) for key in keys]
-        part: Part = {"name": name, "radius": float(solid["radius"]), "line": name if name in lines else None}
+        part: Part = {"name": name, "radius": float(solid["radius"])}
         if "ends" in solid:
             lengths = np.linalg.norm(values[0][:, 1] - values[0][:, 0], axis=1)
             part |= {"kind": "rod", "colour": colours.get(name, DARK), "values": values[0], "exact": True}
@@ -116,18 +115,27 @@ def _parts(frames: list[Mapping[str, Any]]) -> list[Part]:
     for name, line in lines.items():
         if name in replaced or split_name(name)[0] in replaced:
             continue
-        values = _along(frames, lambda frame, n=name: frame["lines"][n])
+        values = _along(frames, _line(name))
         kind = "surface" if is_closed(line) else "line"
-        part = {"name": name, "line": name, "kind": kind, "colour": colours[name], "values": values}
+        part = {"name": name, "kind": kind, "colour": colours[name], "values": values}
         if kind == "line":
             style = open_line_style(list(kinds_of(lines)).index(split_name(name)[0]), None)
-            part |= {"width": 1.4 * style["linewidth"], "exact": len(line) == 2}
+            part |= {"width": 1.4 * style["linewidth"] * (1.4 if line.shape[1] == 2 else 1.0), "exact": len(line) == 2}
         parts.append(part)
     for name in first["points"]:
         if name not in replaced:
             values = _along(frames, lambda frame, n=name: frame["points"][n])
             parts.append({"name": name, "kind": "points", "colour": "#ffffff", "values": values})
     return parts
+
+
+def replaced_by_solids(shown: Mapping[str, Any]) -> set[str]:
+    """Names and kinds of the lines and points that a drawing's solids stand for."""
+    return {name for key, solid in shown.get("solids", {}).items() for name in (key, *solid["replaces"])}
+
+
+def _line(name: str) -> Callable[[Mapping[str, Any]], Any]:
+    return lambda frame: frame["lines"][name]
 
 
 def _along(frames: list[Mapping[str, Any]], of: Any) -> Array:
