@@ -60,7 +60,8 @@ def _kind(output: Path | None, kind: str | None) -> str:
         raise InvalidProblemError(f"--format {kind}, but the file's name ends in .{ending}", file=str(output))
     if kind is None and ending and ending not in FORMATS:
         raise InvalidProblemError(
-            f"a file that ends in .{ending}; expected .{', .'.join(FORMATS)}, or say --format", file=str(output)
+            f"a file that ends in .{ending}; expected .{', .'.join(FORMATS)}, or say --format",
+            file=str(output),
         )
     return kind or ending or "html"
 

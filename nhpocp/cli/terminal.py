@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -78,8 +78,8 @@ def report(solution: Solution, folder: Path) -> None:
     click.echo(f"  written: {folder}")
 
 
-def comparison_lines(comparison: Comparison, file: Path) -> None:
-    """The end of `compare`: a line a run, and where the report is."""
+def comparison_lines(comparison: Comparison, file: Path, animations: Sequence[Path] = ()) -> None:
+    """The end of `compare`: a line a run, and where the report and the animations are."""
 
     def figure(value: float | None, form: str) -> str:
         return "-" if value is None else format(value, form)
@@ -100,6 +100,8 @@ def comparison_lines(comparison: Comparison, file: Path) -> None:
         )
     for note in comparison.notes:
         say(note)
+    for animation in animations:
+        click.echo(f"animation: {animation}")
     click.echo(f"report: {file}")
 
 

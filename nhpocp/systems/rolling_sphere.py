@@ -60,4 +60,9 @@ class RollingSphere(System):
         lines = {f"circle {i + 1}": great_circle(centre, turned, i, self.radius) for i in range(3)}
         lines["octant"] = facet(centre, turned, self.radius, bend=8)
         solids = {"sphere": ball(centre, turned, self.radius, "circle", "octant")}
-        return {"lines": lines, "points": {"contact": xp.rows([touching])}, "trace": touching, "solids": solids}
+        return {
+            "lines": lines,
+            "points": {"contact": xp.rows([touching])},
+            "trace": touching,
+            "solids": solids,
+        }

@@ -61,5 +61,5 @@ def roller(centre: Array, r: Array, towards: Array, radius: float) -> dict[str, 
 def joint_solids(rotation: Array, r: Array, towards: Array) -> dict[str, Any]:
     """A non-holonomic ball joint at the origin: its ball, its own axes as bars, and the roller that holds it."""
     origin = namespace(rotation).array([0.0, 0.0, 0.0])
-    bars = {name: rod(*line, 0.025) for name, line in body_axes(origin, rotation, 1.0).items()}
+    bars = {f"axis {i + 1}": rod(origin, rotation[:, i], 0.025) for i in range(3)}
     return {"ball": ball(origin, rotation, 0.45), "roller": roller(origin, r, towards, 0.45), **bars}

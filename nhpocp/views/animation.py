@@ -39,9 +39,10 @@ def write_animation(entries: Sequence[Entry], path: str | os.PathLike[str]) -> P
     return target
 
 
-def with_motion(entries: Sequence[Entry]) -> list[Entry]:
-    """Those that have a path to show, the first `LARGEST` of them."""
-    return [entry for entry in entries if entry.tried and path_of(entry.solution).samples][:LARGEST]
+def animate_runs(entries: Sequence[Entry], path: Path) -> Path | None:
+    """Writes the page of those runs that have a path to show, the first `LARGEST`; nothing where none has."""
+    moved = [entry for entry in entries if entry.tried and path_of(entry.solution).samples]
+    return write_animation(moved[:LARGEST], path) if moved else None
 
 
 def check_motions(entries: Sequence[Entry]) -> None:

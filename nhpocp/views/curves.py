@@ -111,7 +111,8 @@ def _outputs(solution: Solution) -> list[Panel]:
 
 def _states(solution: Solution) -> list[Panel]:
     """The numbers of the state, a panel a unit."""
-    path, groups = path_of(solution), {}
+    path = path_of(solution)
+    groups: dict[str, list[tuple[str, Array, Array]]] = {}
     for block in solution.problem.system.state_space.blocks:
         if block.kind != "rotation":
             values = quantity(solution, block.name, path).T

@@ -120,7 +120,10 @@ def _parts(frames: list[Mapping[str, Any]]) -> list[Part]:
         part = {"name": name, "kind": kind, "colour": colours[name], "values": values}
         if kind == "line":
             style = open_line_style(list(kinds_of(lines)).index(split_name(name)[0]), None)
-            part |= {"width": 1.4 * style["linewidth"] * (1.4 if line.shape[1] == 2 else 1.0), "exact": len(line) == 2}
+            part |= {
+                "width": 1.4 * style["linewidth"] * (1.4 if line.shape[1] == 2 else 1.0),
+                "exact": len(line) == 2,
+            }
         parts.append(part)
     for name in first["points"]:
         if name not in replaced:
