@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import paper_problem
+from conftest import axe_violations, paper_problem
 from test_comparison import line, made
 from test_figures import CASES, good
 
@@ -288,3 +288,18 @@ def test_a_browser_finds_nothing_to_complain_of(page, tmp_path):
     assert asked == ["/report.html"]
     assert "CONSOLE" not in done.stderr
     assert (tmp_path / "report.png").stat().st_size > 50_000
+
+
+def test_the_report_passes_axe(browser, tmp_path, page):
+    file = tmp_path / "report.html"
+    file.write_text(page, encoding="utf-8")
+    opened = browser.new_page(viewport={"width": 1200, "height": 900})
+    opened.goto(file.as_uri())
+    assert axe_violations(opened) == []
+    opened.close()
+
+
+def test_animations_are_linked_where_there_are_some():
+    page = Page(render(Comparison.of([made()]), {"line": "a b/animation.html"}))
+    assert page.named("a") == [{"href": "a%20b/animation.html"}]
+    assert "a b/animation.html" in page.words

@@ -1,9 +1,8 @@
 // One quantity over time as SVG: curves drawn once, a cursor and dots that follow the clock.
 "use strict";
 
-const SVG = "http://www.w3.org/2000/svg";
 function element(name, attributes, parent) {
-  const made = document.createElementNS(SVG, name);
+  const made = document.createElementNS(document.querySelector("svg").namespaceURI, name);
   for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
   if (parent) parent.appendChild(made);
   return made;

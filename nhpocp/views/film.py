@@ -25,7 +25,7 @@ from nhpocp.views.style import ALARM, COLOURS, GREY, sheet
 
 FRAMES, SECONDS, REST = 48, 4.8, 1.2  # of the motion, and how long its end stands still [s]
 SIDE = 3.6  # inches a scene
-DOTS = {"gif": 110, "mp4": 200}  # per inch
+DOTS = {"gif": 150, "mp4": 200}  # per inch
 PALETTE = 96
 
 
