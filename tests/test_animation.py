@@ -177,6 +177,29 @@ def test_different_systems_of_one_dimension_may_stand_side_by_side():
     assert same[0]["high"] == same[1]["high"]
 
 
+def test_what_is_not_finite_is_not_drawn(monkeypatch):
+    system = good().problem.system
+    whole = system.drawing
+
+    def torn(state):
+        found = whole(state)
+        if found["lines"]["leg 1"][1, 2] > 30:
+            found["lines"]["platform"] = np.nan * found["lines"]["platform"]
+            found["solids"]["leg 1"]["ends"] = np.nan * found["solids"]["leg 1"]["ends"]
+            found["trace"] = np.full(3, np.nan)
+        else:
+            found["trace"] = state[:3]
+        return found
+
+    monkeypatch.setattr(system, "drawing", torn)
+    run = data_of(render(entries(good())))["runs"][0]
+    for name in ("leg 1", "platform"):
+        values = part(run, name)["values"]
+        assert values[0] is not None
+        assert values[-1] is None
+    assert run["trace"][-1] == run["trace"][-2]
+
+
 def test_long_trajectories_are_thinned_with_both_ends(monkeypatch):
     monkeypatch.setattr(scene, "MOST", 11)
     times = data_of(render(entries(good())))["runs"][0]["times"]

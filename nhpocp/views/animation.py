@@ -32,6 +32,8 @@ LARGEST = 8  # motions side by side
 def write_animation(entries: Sequence[Entry], path: str | os.PathLike[str]) -> Path:
     """Writes the page and returns its path. The same solutions give the same bytes.
 
+    Its data are JSON, in the element `animation-data`: `runs`, each with `times`, and `parts` whose `values` hold one
+    entry a sample, such as the two ends of "leg 1", a_i and b_i in base coordinates, as they were stored.
     Errors: `InvalidProblemError` as of `check_motions`.
     """
     target = Path(path)
@@ -128,7 +130,7 @@ def run(solution: Solution, title: str) -> dict[str, Any]:
 def _legend(solution: Solution) -> list[tuple[str, str]]:
     """Words (HTML) and colours of the legs and of the kinds of lines that the scene shows."""
     shown = drawn(solution.problem.system, solution.problem.start_point)
-    gone = {name for key in shown.get("solids", {}).values() for name in key["replaces"]}
+    gone = {name for solid in shown.get("solids", {}).values() for name in solid.get("replaces", ())}
     lines = {
         name: line
         for name, line in shown["lines"].items()

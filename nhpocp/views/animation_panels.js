@@ -34,7 +34,7 @@ class PanelView {
     figure.className = "panel";
     parent.appendChild(figure);
     const caption = document.createElement("figcaption");
-    caption.innerHTML = `<b>${panel.title}</b>`;
+    caption.appendChild(document.createElement("b")).textContent = panel.title;
     figure.appendChild(caption);
     this.readings = panel.curves.map((curve) => {
       const entry = document.createElement("span");

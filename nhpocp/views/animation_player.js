@@ -4,7 +4,7 @@
 const data = JSON.parse(document.getElementById("animation-data").textContent);
 const byId = (id) => document.getElementById(id);
 const SECONDS = 6; // of a whole motion at speed 1
-const START = { azimuth: (-62 * Math.PI) / 180, elevation: (20 * Math.PI) / 180, zoom: 1 };
+const START = { azimuth: (-62 * Math.PI) / 180, elevation: (20 * Math.PI) / 180, zoom: 1, shift: [0, 0] };
 const camera = { ...START };
 const scenes = [], views = [], frameTimes = [];
 let time = 0, playing = false, last = null;
@@ -68,6 +68,8 @@ function turn(azimuth, elevation) {
   redraw();
 }
 
+function shift(x, y) { camera.shift = add(camera.shift, [x, y]); redraw(); }
+
 function zoom(factor) { camera.zoom = Math.min(Math.max(camera.zoom * factor, 0.4), 8); redraw(); }
 
 function steer(canvas) {
@@ -77,7 +79,8 @@ function steer(canvas) {
   canvas.addEventListener("pointermove", (event) => {
     const before = held.get(event.pointerId);
     if (!before) return;
-    if (held.size === 1) turn(-(event.clientX - before.clientX) / 150, (event.clientY - before.clientY) / 150);
+    const [x, y] = [event.clientX - before.clientX, event.clientY - before.clientY];
+    if (held.size === 2) shift(x / 2, y / 2); else if (event.shiftKey || data.runs[0].low.length === 2) shift(x, y); else turn(-x / 150, y / 150);
     held.set(event.pointerId, event);
     if (held.size === 2) {
       const [p, q] = [...held.values()], now = Math.hypot(p.clientX - q.clientX, p.clientY - q.clientY);
@@ -96,7 +99,8 @@ function steer(canvas) {
   canvas.addEventListener("keydown", (event) => {
     const turns = { ArrowLeft: [0.08, 0], ArrowRight: [-0.08, 0], ArrowUp: [0, 0.06], ArrowDown: [0, -0.06] };
     const zooms = { "+": 1.15, "=": 1.15, "-": 1 / 1.15 };
-    if (turns[event.key]) turn(...turns[event.key]); else if (zooms[event.key]) zoom(zooms[event.key]); else return;
+    if (turns[event.key] && event.shiftKey) shift(-250 * turns[event.key][0], -250 * turns[event.key][1]);
+    else if (turns[event.key]) turn(...turns[event.key]); else if (zooms[event.key]) zoom(zooms[event.key]); else return;
     event.preventDefault();
     event.stopPropagation();
   });

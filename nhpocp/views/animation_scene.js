@@ -33,7 +33,7 @@ function niceStep(range, count) {
 function at(values, place) {
   if (values.length === 1) return values[0];
   const k = Math.min(Math.floor(place), values.length - 1), s = place - k;
-  if (s < 1e-9 || k + 1 >= values.length) return values[k];
+  if (s < 1e-9 || k + 1 >= values.length || !values[k] || !values[k + 1]) return values[k];
   const between = (a, b) => (Array.isArray(a) ? a.map((x, i) => between(x, b[i])) : a + s * (b - a));
   return between(values[k], values[k + 1]);
 }
@@ -68,9 +68,10 @@ class Scene {
     this.up = cross(this.eye, this.right);
     const wide = this.flat ? this.half[0] : this.round;
     const tall = this.flat ? this.half[1] : this.half[2] * Math.cos(e) + this.round * Math.abs(Math.sin(e));
-    const [across, down] = this.flat ? [this.width - 74, this.height - 62] : [this.width - 40, this.height - 46];
-    this.scale = zoom * Math.min(across / (2 * wide), down / (2 * tall));
+    const [across, down] = this.flat ? [this.width - 74, this.height - 62] : [this.width - Math.min(90, 0.2 * this.width), this.height - 46];
+    this.scale = zoom * Math.max(1e-3, Math.min(across / (2 * wide), down / (2 * tall)));
     this.origin = this.flat ? [this.width / 2 + 25, this.height / 2 - 18] : [this.width / 2, this.height / 2 - 2];
+    this.origin = add(this.origin, this.camera.shift);
   }
 
   project(point) {
@@ -88,7 +89,7 @@ class Scene {
     const items = [];
     for (const ghost of this.run.ghosts) this.addGhost(items, ghost);
     if (this.run.trace) this.addTrace(items, place);
-    const shown = this.run.parts.map((part) => [part, at(part.values, place)]);
+    const shown = this.run.parts.map((part) => [part, at(part.values, place)]).filter(([, value]) => value); // null: not finite
     this.balls = shown.filter(([part]) => part.kind === "ball").map(([part, v]) => ({ centre: v[0], radius: part.radius }));
     if (!this.flat) this.shadows(shown);
     for (const [part, value] of shown) {
@@ -342,7 +343,8 @@ class Scene {
       pen.save(); pen.translate(x - 44, y); pen.rotate(-Math.PI / 2); pen.fillText(yn, 0, 0); pen.restore();
       return;
     }
-    name(yn, [nearX + 3 * beside, this.middle[1], level], nearX === high[0] ? 14 : -14, 12);
+    name(yn, [nearX + 3 * beside, this.middle[1], level], nearX === high[0] ? 24 : -24, 18);
+    if (this.eye[2] > 0.95) return; // from above the third axis is a point
     const edge = [nearX === high[0] ? low[0] : high[0], nearY];
     pen.strokeStyle = "#c9cdd3";
     line([...edge, low[2]], [...edge, high[2]]);

@@ -27,7 +27,7 @@ Part = dict[str, Any]
 def drawn(system: System, state: Array) -> Mapping[str, Any]:
     """A system's drawing; for one that draws nothing its first numbers as a point, or its body's axes."""
     found = system.drawing(state)
-    if found["lines"] or found["points"]:
+    if found["lines"] or found["points"] or found.get("solids"):
         return found
     values = system.state_space.unpack(state)
     plain = [np.ravel(values[block.name]) for block in system.state_space.blocks if block.kind != "rotation"]
@@ -61,11 +61,13 @@ def scene(solution: Solution) -> dict[str, Any]:
     if set(solution.problem.goal) == set(system.state_space.names):
         ends.append(("goal", drawn(system, solution.problem.goal_point)))
     ghosts = [{"words": words, "outlines": _outlines(end, moving)} for words, end in ends]
+    if trace is not None:
+        trace = _held(trace)
     low, high = _box([*frames, *(end for _, end in ends)], trace)
     grain = DIGITS - int(np.floor(np.log10(max(float((high - low).max()), 1e-9))))
     for part in parts:
         values, exact = part.pop("values"), part["kind"] in ("rod", "line") and part.pop("exact")
-        part["values"] = (values if exact else values.round(max(grain, 0))).tolist()
+        part["values"] = _plain(values if exact else values.round(max(grain, 0)))
     return {
         "times": times.tolist(),
         "parts": parts,
@@ -91,6 +93,21 @@ def _crossing(which: str, time: float, times: Array, trace: Array | None) -> dic
     return {"words": f"det {words} = 0", "t": time, "point": point, "margin": which.replace("det_", "sigma_")}
 
 
+def _plain(values: Array) -> list[Any]:
+    """Nested lists; a sample that is not finite throughout is None, and is not drawn."""
+    finite = np.isfinite(values).reshape(len(values), -1).all(axis=1)
+    return [value if good else None for value, good in zip(values.tolist(), finite, strict=True)]
+
+
+def _held(points: Array) -> Array:
+    """The same points; where one is not finite, the last one that was."""
+    finite = np.isfinite(points).all(axis=1)
+    if not finite.any():
+        return np.zeros_like(points)
+    last = np.maximum.accumulate(np.where(finite, np.arange(len(points)), int(np.argmax(finite))))
+    return points[last]
+
+
 def _parts(frames: list[Mapping[str, Any]]) -> list[Part]:
     """Every solid, every line and group of points that none replaces; what stands still has one sample."""
     first = frames[0]
@@ -104,8 +121,10 @@ def _parts(frames: list[Mapping[str, Any]]) -> list[Part]:
         if "ends" in solid:
             lengths = np.linalg.norm(values[0][:, 1] - values[0][:, 0], axis=1)
             part |= {"kind": "rod", "colour": colours.get(name, DARK), "values": values[0], "exact": True}
-            if np.ptp(lengths) > 1e-6 * lengths.max():  # a piston, which at its shortest is nearly inside
-                part["tube"] = 0.62 * float(lengths.min())
+            if np.nanmax(lengths) - np.nanmin(lengths) > 1e-6 * np.nanmax(lengths):
+                part["tube"] = 0.62 * float(
+                    np.nanmin(lengths)
+                )  # of a piston, most of whose bar is inside at its shortest
         else:
             rows = max(len(value) for value in values)
             centre, turned = (np.broadcast_to(value, (rows, *value.shape[1:])) for value in values)
@@ -134,7 +153,9 @@ def _parts(frames: list[Mapping[str, Any]]) -> list[Part]:
 
 def replaced_by_solids(shown: Mapping[str, Any]) -> set[str]:
     """Names and kinds of the lines and points that a drawing's solids stand for."""
-    return {name for key, solid in shown.get("solids", {}).items() for name in (key, *solid["replaces"])}
+    return {
+        name for key, solid in shown.get("solids", {}).items() for name in (key, *solid.get("replaces", ()))
+    }
 
 
 def _line(name: str) -> Callable[[Mapping[str, Any]], Any]:
@@ -144,7 +165,11 @@ def _line(name: str) -> Callable[[Mapping[str, Any]], Any]:
 def _along(frames: list[Mapping[str, Any]], of: Any) -> Array:
     """One array over all frames, samples first; a single sample where it never changes."""
     values = np.array([np.asarray(of(frame), dtype=float) for frame in frames])
-    return values[:1] if (values == values[0]).all() else values
+    return (
+        values[:1]
+        if np.array_equal(values, np.broadcast_to(values[0], values.shape), equal_nan=True)
+        else values
+    )
 
 
 def _colours(lines: Mapping[str, Array]) -> dict[str, str]:
@@ -167,7 +192,7 @@ def _outlines(shown: Mapping[str, Any], moving: set[Any]) -> list[list[list[floa
     bodies = {name: line for name, line in closed.items() if name in moving} or {
         name: line for name, line in lines.items() if name in moving or not moving
     }
-    return [line.tolist() for line in (bodies or closed or lines).values()]
+    return [line.tolist() for line in (bodies or closed or lines).values() if np.isfinite(line).all()]
 
 
 def _box(shown: list[Mapping[str, Any]], trace: Array | None) -> tuple[Array, Array]:
@@ -177,6 +202,6 @@ def _box(shown: list[Mapping[str, Any]], trace: Array | None) -> tuple[Array, Ar
     for frame in shown:
         for solid in frame.get("solids", {}).values():
             places = np.reshape(solid["ends"] if "ends" in solid else solid["centre"], (-1, numbers))
-            low = np.minimum(low, places.min(axis=0) - solid["radius"])
-            high = np.maximum(high, places.max(axis=0) + solid["radius"])
+            low = np.fmin(low, places.min(axis=0) - solid["radius"])
+            high = np.fmax(high, places.max(axis=0) + solid["radius"])
     return low, high
