@@ -1,6 +1,6 @@
 """A motion as the parts that an animation moves: the arrays of `System.drawing` along the stored trajectory.
 
-Positions are those of the trajectory, in full precision where a part has two ends; nothing here knows a system.
+Positions are those of the trajectory, in full precision for ends and corners; nothing here knows a system.
 """
 
 from __future__ import annotations
@@ -20,6 +20,8 @@ from nhpocp.views.plots import crossing_times
 
 MOST = 1001  # samples in a page: what is finer is shown by every so many
 PLAIN, DARK = "#e8ebef", "#4b5563"  # of balls and of bars that have no line's colour
+TUBE = 0.62  # of the least length of a bar that extends
+FEW = 8  # points of a line that are kept in full precision: ends of legs, corners of bodies
 DIGITS = 6  # of curves in space, relative to the size of the scene
 Part = dict[str, Any]
 
@@ -66,7 +68,7 @@ def scene(solution: Solution) -> dict[str, Any]:
     low, high = _box([*frames, *(end for _, end in ends)], trace)
     grain = DIGITS - int(np.floor(np.log10(max(float((high - low).max()), 1e-9))))
     for part in parts:
-        values, exact = part.pop("values"), part["kind"] in ("rod", "line") and part.pop("exact")
+        values, exact = part.pop("values"), part.pop("exact", False)
         part["values"] = _plain(values if exact else values.round(max(grain, 0)))
     return {
         "times": times.tolist(),
@@ -115,40 +117,51 @@ def _parts(frames: list[Mapping[str, Any]]) -> list[Part]:
     solids, replaced = first.get("solids", {}), replaced_by_solids(first)
     colours, parts = _colours(lines), []
     for name, solid in solids.items():
-        keys = ("ends",) if "ends" in solid else ("centre", "rotation")
-        values = [_along(frames, lambda frame, n=name, k=key: frame["solids"][n][k]) for key in keys]
-        part: Part = {"name": name, "radius": float(solid["radius"])}
-        if "ends" in solid:
-            lengths = np.linalg.norm(values[0][:, 1] - values[0][:, 0], axis=1)
-            part |= {"kind": "rod", "colour": colours.get(name, DARK), "values": values[0], "exact": True}
-            if np.nanmax(lengths) - np.nanmin(lengths) > 1e-6 * np.nanmax(lengths):
-                part["tube"] = 0.62 * float(
-                    np.nanmin(lengths)
-                )  # of a piston, most of whose bar is inside at its shortest
-        else:
-            rows = max(len(value) for value in values)
-            centre, turned = (np.broadcast_to(value, (rows, *value.shape[1:])) for value in values)
-            joined = np.concatenate([centre[:, None], turned.transpose(0, 2, 1)], axis=1)  # centre, then axes
-            part |= {"kind": "ball", "colour": PLAIN, "values": joined}
-        parts.append(part)
+        made = _rod(frames, name) if "ends" in solid else _ball(frames, name)
+        parts.append(
+            {"name": name, "colour": colours.get(name, DARK), "radius": float(solid["radius"]), **made}
+        )
     for name, line in lines.items():
         if name in replaced or split_name(name)[0] in replaced:
             continue
         values = _along(frames, _line(name))
         kind = "surface" if is_closed(line) else "line"
-        part = {"name": name, "kind": kind, "colour": colours[name], "values": values}
+        part = {
+            "name": name,
+            "kind": kind,
+            "colour": colours[name],
+            "values": values,
+            "exact": len(line) <= FEW,
+        }
         if kind == "line":
             style = open_line_style(list(kinds_of(lines)).index(split_name(name)[0]), None)
-            part |= {
-                "width": 1.4 * style["linewidth"] * (1.4 if line.shape[1] == 2 else 1.0),
-                "exact": len(line) == 2,
-            }
+            part["width"] = 1.4 * style["linewidth"] * (1.4 if line.shape[1] == 2 else 1.0)
         parts.append(part)
     for name in first["points"]:
         if name not in replaced:
             values = _along(frames, lambda frame, n=name: frame["points"][n])
             parts.append({"name": name, "kind": "points", "colour": "#ffffff", "values": values})
     return parts
+
+
+def _rod(frames: list[Mapping[str, Any]], name: str) -> Part:
+    """Both ends of a bar; where its length changes a tube, out of which a piston comes."""
+    ends = _along(frames, lambda frame: frame["solids"][name]["ends"])
+    lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    lengths = lengths[np.isfinite(lengths)]
+    extends = len(lengths) and np.ptp(lengths) > 1e-6 * lengths.max()
+    tube = {"tube": TUBE * float(lengths.min())} if extends else {}
+    return {"kind": "rod", "values": ends, "exact": True, **tube}
+
+
+def _ball(frames: list[Mapping[str, Any]], name: str) -> Part:
+    """A ball's centre and its own three axes, four rows a sample."""
+    centres = _along(frames, lambda frame: frame["solids"][name]["centre"])
+    turned = _along(frames, lambda frame: frame["solids"][name]["rotation"])
+    rows = max(len(centres), len(turned))
+    centre, axes = (np.broadcast_to(found, (rows, *found.shape[1:])) for found in (centres, turned))
+    values = np.concatenate([centre[:, None], axes.transpose(0, 2, 1)], axis=1)
+    return {"kind": "ball", "colour": PLAIN, "values": values}
 
 
 def replaced_by_solids(shown: Mapping[str, Any]) -> set[str]:
