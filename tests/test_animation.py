@@ -25,7 +25,7 @@ from nhpocp.solution import Outcome, Solution
 from nhpocp.solution_folder import load_solution, save_solution
 from nhpocp.solvers.continuation import Continuation
 from nhpocp.solvers.step_rules import Euler
-from nhpocp.views import scene
+from nhpocp.views import animation
 from nhpocp.views.animation import LARGEST, animate_runs, render, write_animation
 
 PROBLEMS = sorted((Path(__file__).parents[1] / "problems").glob("*.yaml"))
@@ -203,9 +203,14 @@ def test_what_is_not_finite_is_not_drawn(monkeypatch):
 
 
 def test_long_trajectories_are_thinned_with_both_ends(monkeypatch):
-    monkeypatch.setattr(scene, "MOST", 11)
-    times = data_of(render(entries(good())))["runs"][0]["times"]
-    np.testing.assert_allclose(times, good().trajectory["t"][::20])
+    monkeypatch.setattr(animation, "SAMPLES", 11)
+    monkeypatch.setattr(animation, "LEAST", 3)
+    run = data_of(render(entries(good())))["runs"][0]
+    np.testing.assert_allclose(run["times"], good().trajectory["t"][::20])
+    assert {len(curve["t"]) for panel in run["panels"] for curve in panel["curves"]} == {44}
+    assert all(curve["t"][-1] == 1 for panel in run["panels"] for curve in panel["curves"])
+    runs = data_of(render(entries(good(), good(), good(), good())))["runs"]
+    assert [run["times"] for run in runs] == [[0, 0.5, 1]] * 4
 
 
 # --- in a browser ---------------------------------------------------------------------------------------------------

@@ -43,9 +43,10 @@ def animate(folders: tuple[Path, ...], output: Path | None, kind: str | None, as
     from nhpocp.views.animation import check_motions
 
     check_motions(entries)
-    _check_file(file)
     with counter(as_json, "frame") as show:
-        _write(file, _writer(kind, entries, show))
+        write = _writer(kind, entries, show)
+        _check_file(file)
+        _write(file, write)
     if as_json:
         put({"file": str(file), "format": kind, "folders": [entry.folder for entry in entries]})
     else:

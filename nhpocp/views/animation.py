@@ -1,8 +1,9 @@
 """Motions as one self-contained page that plays: scenes side by side on one clock, and the quantities over time.
 
-The page carries its own painter and player (animation_*.js), 30 kB of script. plotly was tried first: moving one ball
-and 100 line points cost it 41 ms of script a frame (headless Chromium, median of 60), its script alone is 4.8 MB, and
-its scenes need WebGL, which remote desktops often lack. This draws the paper's robot in a tenth of that anywhere.
+The page carries its own painter and player (animation_*.js), 35 kB of script. plotly was tried first: moving one ball
+and 100 points of a line cost it 41 ms of script a frame (headless Chromium, median of 60, 2 shared cores), loading it
+5 s, its script alone is 4.8 MB, and its scenes need WebGL, which remote desktops often lack. This takes about 10 ms for
+all of the paper's robot and its curves, anywhere.
 """
 
 from __future__ import annotations
@@ -26,7 +27,8 @@ from nhpocp.views.scene import drawn, scene
 
 TEMPLATE = "animation.html.jinja"
 MARKER = "nhpocp animate"  # in every file that this makes, so that it may be replaced
-LARGEST = 8  # motions side by side
+LARGEST = 6  # motions side by side
+SAMPLES, LEAST = 1001, 201  # of all motions together, but so many of each: a page stays well below 6 MB
 
 
 def write_animation(entries: Sequence[Entry], path: str | os.PathLike[str]) -> Path:
@@ -75,7 +77,8 @@ def render(entries: Sequence[Entry]) -> str:
     problems = list(dict.fromkeys(entry.solution.problem.name for entry in entries))
     if len(problems) > 1:
         names = [f"{e.solution.problem.name}, {name}" for e, name in zip(entries, names, strict=True)]
-    runs = [run(entry.solution, name) for entry, name in zip(entries, names, strict=True)]
+    most = max(LEAST, SAMPLES // len(entries))
+    runs = [run(entry.solution, name, most) for entry, name in zip(entries, names, strict=True)]
     horizon = max(path_of(entry.solution).times[-1] for entry in entries)
     data = {"horizon": float(horizon), "runs": runs}
     _one_box(entries, runs)
@@ -105,19 +108,16 @@ def _lead(runs: Sequence[Any], crossings: Sequence[float]) -> str:
     return f"{words}. {'All motions run on one clock. ' if len(runs) > 1 else ''}"
 
 
-def run(solution: Solution, title: str) -> dict[str, Any]:
+def run(solution: Solution, title: str, most: int) -> dict[str, Any]:
     """One solution's part of the page's data."""
-    shown, panels = scene(solution), curves.panels(solution)
-    error = solution.verdict.error if solution.verdict else None
-    ending = solution.outcome.value.replace("_", " ")
-    verified = "" if error is None else f", verified error E = {error:.2g}"
+    shown, panels = scene(solution, most), curves.panels(solution, 4 * most)
     system = solution.problem.system.model
     alarms = [*plots.crossing_words(solution), *filter(None, [path_of(solution).words])]
     if not solution.converged:
         alarms.append(f"This motion is not a verified solution: {solution.message}")
     return {
         "title": title,
-        "words": f"{system}: {ending}{verified}, ∫|control|² dt = {solution.control.effort:.5g}",
+        "words": _words(solution),
         "alarms": alarms,
         "description": f"The moving {system} of {title}, from start to goal; the curves give its numbers over time",
         "legend": _legend(solution),
@@ -125,6 +125,18 @@ def run(solution: Solution, title: str) -> dict[str, Any]:
         "panels": panels,
         **shown,
     }
+
+
+def _words(solution: Solution) -> Markup:
+    """The system, the ending, the verified error and the cost of a run, on a line."""
+    system, number = solution.problem.system, report_words.number
+    label = system.input_label()
+    words = Markup("{}: {}").format(system.model, solution.outcome.value.replace("_", " "))
+    if solution.verdict and solution.verdict.error is not None:
+        words += Markup(", verified error <i>E</i> = {}").format(number(solution.verdict.error, 3))
+    cost = Markup(", ∫|{}|² d<i>t</i> = {}")
+    control = label if isinstance(label, str) else "control"
+    return words + cost.format(control, number(solution.control.effort, 5))
 
 
 def _legend(solution: Solution) -> list[tuple[str, str]]:

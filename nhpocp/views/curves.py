@@ -12,7 +12,7 @@ from markupsafe import Markup, escape
 from nhpocp.arrays import Array
 from nhpocp.solution import Solution
 from nhpocp.views import plots
-from nhpocp.views.finite_path import path_of, quantity
+from nhpocp.views.finite_path import path_of, quantity, thinned
 from nhpocp.views.style import COLOURS, symbol, with_unit
 
 MOST_CURVES = 6  # in one panel
@@ -45,10 +45,11 @@ def markup(mathtext: str) -> Markup:
     return Markup(found + bracket + rest)
 
 
-def panels(solution: Solution) -> list[Panel]:
+def panels(solution: Solution, most: int) -> list[Panel]:
     """Controls, outputs, error against the goal, margins, in this order; ``more`` marks what can wait.
 
     Legs stand for all the outputs of a system that has some, else its outputs, or the numbers of its state.
+    ``most``: points of a curve at most.
     """
     found = [_controls(solution)]
     outputs = _outputs(solution)
@@ -57,7 +58,11 @@ def panels(solution: Solution) -> list[Panel]:
     found += legs or ([] if rest else _states(solution))
     found += _errors(solution)
     found += _margins(solution)
-    return [panel for panel in [*found, *rest] if panel["curves"]]
+    found = [panel for panel in [*found, *rest] if panel["curves"]]
+    for curve in (curve for panel in found for curve in panel["curves"]):
+        kept = thinned(len(curve["t"]), most)
+        curve.update(t=[curve["t"][k] for k in kept], y=[curve["y"][k] for k in kept])
+    return found
 
 
 def _panel(name: str, title: str, curves: Iterable[tuple[str, Array, Array]], **more: Any) -> Panel:

@@ -15,10 +15,9 @@ from nhpocp.solution import Solution
 from nhpocp.systems.system import System
 from nhpocp.views import drawing
 from nhpocp.views.drawing import FILLS, is_closed, kinds_of, open_line_style, split_name
-from nhpocp.views.finite_path import path_of
+from nhpocp.views.finite_path import path_of, thinned
 from nhpocp.views.plots import crossing_times
 
-MOST = 1001  # samples in a page: what is finer is shown by every so many
 PLAIN, DARK = "#e8ebef", "#4b5563"  # of balls and of bars that have no line's colour
 TUBE = 0.62  # of the least length of a bar that extends
 FEW = 8  # points of a line that are kept in full precision: ends of legs, corners of bodies
@@ -42,15 +41,12 @@ def drawn(system: System, state: Array) -> Mapping[str, Any]:
     return {"lines": axes, "points": {}, "trace": turned[:, 2]}
 
 
-def chosen_samples(solution: Solution) -> Array:
-    """Indices of the samples that are shown: all finite ones, or `MOST` of them with both ends."""
-    count = path_of(solution).samples
-    return np.unique(np.linspace(0, count - 1, min(count, MOST)).round().astype(int))
+def scene(solution: Solution, most: int) -> dict[str, Any]:
+    """Plain data of one run's scene: times, parts, trace, ghosts, crossings, and the corners of a box around all.
 
-
-def scene(solution: Solution) -> dict[str, Any]:
-    """Plain data of one run's scene: times, parts, trace, ghosts, crossings, and the corners of a box around all."""
-    system, chosen = solution.problem.system, chosen_samples(solution)
+    ``most``: samples that are shown at most.
+    """
+    system, chosen = solution.problem.system, thinned(path_of(solution).samples, most)
     times, states = path_of(solution).times[chosen], drawing.states_of(solution, path_of(solution))[chosen]
     frames = [drawn(system, state) for state in states]
     parts = _parts(frames)
