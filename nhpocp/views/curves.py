@@ -101,7 +101,7 @@ def _outputs(solution: Solution) -> list[Panel]:
     """Everything in the trajectory that is neither time, state, input nor margin, as the system names it."""
     system, path = solution.problem.system, path_of(solution)
     known = {"t", *system.state_space.names, *system.input_space.names}
-    units = {block.name: block.unit for block in system.pose_outputs}
+    units = {block.name: block.unit for block in system.pose_outputs if block.kind != "direction"}
     found = []
     for name in solution.trajectory:
         values = quantity(solution, name, path)
