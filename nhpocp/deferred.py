@@ -34,6 +34,11 @@ class Deferred(Mapping[str, Any]):
         """With further known entries, or others in place of these."""
         return Deferred(lambda: self._rest, {**self._known, **more})
 
+    def __ior__(self, more: Mapping[str, Any]) -> Deferred:
+        self._known |= more
+        self.__dict__.pop("_whole", None)
+        return self
+
     def __repr__(self) -> str:
         return f"Deferred({self._known!r}, …)"
 

@@ -273,4 +273,4 @@ def scaled_svd(jacobian: Array, coordinates: Coordinates) -> tuple[Array, Array,
 
 def rank_of(values: Array, tolerance: float) -> int:
     """Singular values above ``tolerance`` times the largest."""
-    return int(np.sum(values > tolerance * values[0])) if values.size and values[0] > 0 else 0
+    return int(np.count_nonzero(values > tolerance * values[0])) if values.size and values[0] > 0 else 0
