@@ -163,7 +163,7 @@ def turning_row(pose: LegPose, arm: Array) -> Row:
     With w3 and g left unnormalised the rows are polynomials in the pose (Veselova); (7), blind to the scale of a row,
     evaluates and differentiates faster than the square roots. The scale is l² |(b - a) × w4|.
     """
-    h = dot(pose.span, pose.w4) * pose.w4 - pose.span  # (span × w4) × w4 for |w4| = 1
+    h = cross(cross(pose.span, pose.w4), pose.w4)
     moment, squared = cross(h, pose.r), dot(pose.span, pose.span)
     s = squared * moment - dot(pose.span, moment) * pose.span
     j = cross(arm, s) - squared * dot(pose.r, pose.span) * h

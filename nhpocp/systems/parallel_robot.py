@@ -195,11 +195,11 @@ class ParallelRobot(System):
 
     def linearised(self, state: Array, control: Array) -> tuple[Array, Array]:
         """W (ṗ, ω) = (u, 0) differentiated with (ṗ, ω) held."""
-        xp, size, dimension = symbolic(), self.state_space.size, self.state_space.dimension
+        xp, dimension = symbolic(), self.state_space.dimension
         held, matrix = xp.symbol(dimension), self.matrix(state)
         change = xp.substitute(xp.jacobian(matrix @ held, state), held, self.velocity(state, control))
-        solved = xp.solve(matrix, xp.block([[-change, xp.eye(dimension)[:, : self.motors]]]))
-        return solved[:, :size], solved[:, size:]
+        driven = xp.block([[-change, xp.eye(dimension)[:, : self.motors]]])
+        return xp.eye(dimension), xp.solve(matrix, driven)
 
     def vector_fields(self, state: Array) -> Array:
         xp, inputs = namespace(state), self.input_space.size

@@ -139,11 +139,10 @@ class ThreeUPU(ParallelRobot):
         s, j = [row.of_p for row in rows], xp.rows([row.of_omega for row in rows])
         residual = j @ control - xp.vector([dot(row, held) for row in s])
         change = xp.substitute(xp.jacobian(residual, state), held, solve_3x3(s, j @ control))
-        inverse = solve_3x3(s, xp.eye(3))
-        of_the_turn = 0.0 * change, -xp.eye(3)  # ω = -v whatever the pose
+        nothing, turn = 0.0 * xp.eye(3), xp.eye(3)  # ω = -v whatever the pose
         return (
-            xp.block([[inverse @ change], [of_the_turn[0]]]),
-            xp.block([[inverse @ j], [of_the_turn[1]]]),
+            xp.block([[solve_3x3(s, xp.eye(3)), nothing], [nothing, turn]]),
+            xp.block([[change, j], [0.0 * change, -turn]]),
         )
 
     def feedback(self, state: Array, v: Array) -> Array:
