@@ -15,7 +15,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from nhpocp.arrays import Array
+from nhpocp.arrays import Array, norm
 from nhpocp.controls.control import Control
 from nhpocp.deferred import Deferred
 from nhpocp.flow.end_point_map import DifferentiatedEndPointMap, EndPointMapFactory
@@ -243,7 +243,7 @@ class _Run:
         if self.records and not self.records[-1]["accepted"]:
             self.records[-1] |= {"k": self.updates}  # it was a trial, and refused
         evaluation = self.evaluator(coefficients)
-        change = np.linalg.norm(coefficients - self.here.coefficients) if self.here else 0.0
+        change = norm((coefficients - self.here.coefficients).ravel()) if self.here else 0.0
         known = {
             "k": self.updates + (self.here is not None),
             "error": evaluation.error if np.isfinite(evaluation.error) else None,
@@ -265,7 +265,7 @@ class _Run:
     def ended(self, here: Evaluation) -> tuple[Outcome, str] | None:
         """Whether the loop stops here, and with what sentence."""
         k, error = self.updates, here.error
-        first, rows = self.records[0]["error"], sum(task.size for task in self.problem.tasks)
+        first = self.records[0]["error"]
         if here.failure:
             return here.failure.outcome, f"Update {k}: {here.failure.sentence}"
         if error < self.solver.tolerance:
@@ -281,6 +281,7 @@ class _Run:
         if lost:
             return Outcome.DIVERGED, f"Update {k}: E = {error:.3g}, from {first:.3g} at the start"
         if direction is not None and deficient:
+            rows = sum(task.size for task in self.problem.tasks)
             values = " ".join(f"{x:.2g}" for x in direction.singular_values)
             sentence = f"the Jacobian has rank {direction.rank} of {rows} (singular values {values}), E = {error:.3g}"
             return Outcome.RANK_DEFICIENT, f"Update {k}: {sentence}"

@@ -36,7 +36,7 @@ class Evaluation:
     coefficients: Array
     end: EndPoint
     error: float  # E; infinite where the end point is not finite or an orientation is at π
-    vector: Array | None = None  # e, dimensionless (`EndPointError.vector`)
+    vector: Array | None = None  # e, dimensionless (`EndPointError`)
     jacobian: Array | None = None  # its derivative by λ
     look: Callable[[Array, Array], Direction] | None = None  # e, J ↦ the direction
     failure: Trouble | None = None  # the end point is useless
@@ -78,7 +78,7 @@ class Evaluator:
             return Evaluation(coefficients, end, np.inf, failure=failure)
         residual = EndPointError(self.problem, end)
         try:
-            error, vector = residual.norm, residual.vector
+            error, vector = residual.measured()
         except OrientationAtPiError as opposite:
             trouble = Trouble(Outcome.ORIENTATION_AT_PI, str(opposite))
             return Evaluation(coefficients, end, np.inf, failure=trouble)
