@@ -22,7 +22,7 @@ def call(function: ca.Function, *arguments: Array) -> tuple[Array, ...]:
     return _caller(function, get_ident())(arguments)
 
 
-@lru_cache(maxsize=512)  # asking CasADi for a buffer and for sizes costs more than a small function does
+@lru_cache(maxsize=64)  # asking CasADi for a buffer and for sizes costs more than a small function does
 def _caller(function: ca.Function, thread: int) -> _Caller:
     return _Caller(function)
 
