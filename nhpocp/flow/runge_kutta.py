@@ -67,14 +67,21 @@ class Scheme:
         self._observed = ca.sparsify(ca.SX(whole if observed is None else observed(self._y)))
         self._watched = ca.SX(0, 1) if watched is None else watched(self._y)
         self.rows, self.watches = self._observed.size1(), self._watched.size1()
-        slopes = (
+        self._slopes = (
             [differentiated(rate, self._y, self._u)]
             if linearised is None
             else [ca.SX(part) for part in linearised(self._y, self._u)]
         )
-        self._factors = _Packed(slopes)
-        self._product = _Packed([_multiplied(slopes)])
-        self.entries = self._product.numbers.numel()
+        self._factors = _Packed(self._slopes)
+
+    @cached_property
+    def _product(self) -> _Packed:
+        return _Packed([_multiplied(self._slopes)])
+
+    @property
+    def entries(self) -> int:
+        """Numbers that `slopes` gives."""
+        return int(self._product.numbers.numel())
 
     @cached_property
     def observed(self) -> ca.Function:
@@ -135,7 +142,7 @@ class Scheme:
 
     @cached_property
     def pulled(self) -> ca.Function:
-        """(entries of `costates`, slopes, h) ↦ (the same before the step, derivatives by the controls, 3 m × rows)."""
+        """(entries of `costates`, factors, h) ↦ (the same before the step, derivatives by the controls, 3 m × rows)."""
         h, (tape, stages) = ca.SX.sym("h"), self._factors.stages()
         entries = ca.SX.sym("c", self.costates.nnz())
         before, gradients = _pulled(ca.SX(self.costates, entries), stages, h)
@@ -144,14 +151,14 @@ class Scheme:
 
     @cached_property
     def blocks(self) -> ca.Function:
-        """(slopes, h) ↦ the derivatives of a step by its first state, n × n, and its controls, n × 3 m; transposed."""
+        """(factors, h) ↦ the derivatives of a step by its first state, n × n, and its controls, n × 3 m; transposed."""
         h, (tape, stages) = ca.SX.sym("h"), self._factors.stages()
         by_state, by_controls = _pulled(ca.SX.eye(self.size), stages, h)
         outputs = [ca.densify(by_state.T), ca.densify(ca.horzcat(*by_controls).T)]
         return ca.Function("blocks", [tape, h], ca.cse(outputs))
 
     def taped_path(self, sweep: Sweep) -> tuple[Array, Array]:
-        """The path (steps + 1, n) and the slopes of all steps (4 steps, entries)."""
+        """The path (steps + 1, n) and the factors at all points (4 steps, …)."""
         found, tape = call(accumulated(self.taped, len(sweep.h)), sweep.start, sweep.h, sweep.controls())
         return np.vstack([sweep.start, found]), tape
 
