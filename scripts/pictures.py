@@ -15,7 +15,6 @@ from typing import Any
 
 import functional_flow
 from goals import paper_task
-
 from matplotlib.figure import Figure
 
 import nhpocp
