@@ -1,13 +1,13 @@
 #!/usr/bin/env python3
 """Draws the pictures that Markdown shows, small, into problems/pictures/. Run: .venv/bin/python scripts/pictures.py
 
-The report's needs a chromium on the PATH and is left as it is without one. With names of problems: only their motions.
+The report's needs the extra `test` and a chromium on the PATH; without the latter it is left as it is. With names of
+problems: only their motions.
 """
 
 from __future__ import annotations
 
 import shutil
-import subprocess
 import sys
 import tempfile
 from pathlib import Path
@@ -42,7 +42,7 @@ def main() -> None:
         for picture in SHOWN.get(file.stem, ()):
             save(getattr(figures, picture)(solution), f"{file.stem}_{picture}")
         if file.stem == "paper":
-            photograph_report(problem)
+            photograph_report()
     if not sys.argv[1:]:
         draw_singularities()
         draw_functional_flow()
@@ -91,29 +91,32 @@ def draw_functional_flow() -> None:
     save(functional_flow.figure(times, values, found), "functional_flow")
 
 
-def photograph_report(problem: nhpocp.PlanningProblem) -> None:
-    """The top of the comparison's page, half size."""
+def photograph_report() -> None:
+    """The comparison's page from its verdict to its first figure, half size."""
     from PIL import Image
+    from playwright.sync_api import sync_playwright
 
     browser = shutil.which("chromium")
     if browser is None:
         return
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory() as folder, sync_playwright() as running:
         page, shot = Path(folder) / "report.html", Path(folder) / "report.png"
+        problem = nhpocp.load_problem(ROOT / "problems" / "paper.yaml")  # another: nothing of it is built yet
         nhpocp.write_report(nhpocp.compare([problem]), page)
-        options = [
-            "--headless",
-            "--no-sandbox",
-            "--disable-gpu",
-            "--hide-scrollbars",
-            "--window-size=1200,3000",
-        ]
-        subprocess.run(
-            [browser, *options, f"--screenshot={shot}", page.as_uri()], check=True, capture_output=True
-        )
+        opened = running.chromium.launch(executable_path=browser, args=["--no-sandbox", "--disable-gpu"])
+        tab = opened.new_page(viewport={"width": 1200, "height": 900}, device_scale_factor=1.2)
+        tab.goto(page.as_uri())
+        first = tab.get_by_role("heading", name="Verdict").bounding_box()
+        last = tab.locator("figure").first.bounding_box()
+        if first is None or last is None:
+            raise RuntimeError("the report shows neither verdict nor figure")
+        top, left = first["y"] - 8, first["x"] - 8
+        size = {"width": last["width"] + 16, "height": last["y"] + last["height"] + 8 - top}
+        tab.screenshot(path=shot, full_page=True, clip={"x": left, "y": top, **size})
+        opened.close()
         with Image.open(shot) as image:
-            top = image.convert("L").crop((100, 950, 1100, 2320)).resize((600, 822))
-            top.quantize(16).save(PICTURES / "paper_report.png", optimize=True)
+            small = image.convert("L").resize((620, round(620 * image.height / image.width)))
+            small.quantize(16).save(PICTURES / "paper_report.png", optimize=True)
 
 
 if __name__ == "__main__":
