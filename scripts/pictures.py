@@ -24,7 +24,7 @@ from nhpocp.views.style import sheet
 
 ROOT = Path(__file__).resolve().parents[1]
 PICTURES = ROOT / "problems" / "pictures"
-SHOWN = {"paper": ("robot", "controls"), "paper_conjecture": ("margins",)}
+SHOWN = {"paper": ("robot",), "paper_conjecture": ("controls", "relative_pose", "margins")}
 MAPPED = "paper_conjecture"  # the map of its singularities
 
 

@@ -172,8 +172,10 @@ def test_named_verbs_are_those_of_the_command_line(page):
         assert set(cli.commands) - named == set(), "verbs that README does not name"
 
 
-def test_shown_pictures_are_small():
+def test_pictures_are_shown_and_small():
     pictures = list((ROOT / "problems" / "pictures").iterdir())
+    pages = "".join(path.read_text(encoding="utf-8") for path in PAGES.values())
+    assert [path.name for path in pictures if f"pictures/{path.name})" not in pages] == []
     assert [path.name for path in pictures if path.stat().st_size > 64_000] == []
     motions = [path.name for path in pictures if path.stem.endswith("_motion")]
     assert motions
