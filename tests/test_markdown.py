@@ -162,6 +162,35 @@ def test_named_files_exist(page):
 
 
 @pytest.mark.parametrize("page", PAGES)
+def test_options_between_backticks_exist(page):
+    """Those of the verbs, and those of scripts that are named with them."""
+    text = PAGES[page].read_text(encoding="utf-8")
+    known = {name for verb in cli.commands.values() for option in verb.params for name in option.opts}
+    spans = re.findall(r"`([^`\n]+)`", text)
+    options = [word for span in spans if span.startswith(("-", "nhpocp")) for word in span.split()]
+    assert [word for word in options if re.match(r"--?[a-z]", word) and word not in known] == []
+    for span in spans:
+        words = span.removeprefix(f"{PYTHON} ").split()
+        if words and re.fullmatch(r"scripts/\w+\.py", words[0]):
+            looked_at([PYTHON, *words])
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("nhpocp check problems/paper.yaml  # exit 1", "exit 1"),
+        ("nhpocp check problems/none.yaml", "none.yaml"),
+        ("ls problems", "nothing runs"),
+        (f"{PYTHON} scripts/none.py", "not there"),
+        (f"{PYTHON} scripts/benchmark.py --none", "--none"),
+    ],
+)
+def test_a_line_that_does_something_else_is_found(line, words, folder):
+    with pytest.raises(AssertionError, match=re.escape(words)):
+        obeyed(line)
+
+
+@pytest.mark.parametrize("page", PAGES)
 def test_named_verbs_are_those_of_the_command_line(page):
     text = PAGES[page].read_text(encoding="utf-8")
     named = set(re.findall(r"`(?:\S*/)?nhpocp ([a-z]+)", text))
