@@ -383,6 +383,17 @@ def test_paper_shows_no_cursor(page, browser):
 
 
 @IN_A_BROWSER
+def test_the_values_fit_a_narrow_page(page, browser):
+    tab = opened(browser, page)
+    tab.set_viewport_size({"width": 400, "height": 700})
+    tab.locator(".plot").first.focus()
+    for key in ("Home", "End"):
+        tab.keyboard.press(key)
+        assert tab.locator(".readout:visible").count() == 1
+        assert tab.evaluate("document.documentElement.scrollWidth <= innerWidth")
+
+
+@IN_A_BROWSER
 def test_a_browser_finds_nothing_to_complain_of(page, tmp_path):
     (tmp_path / "report.html").write_text(page, encoding="utf-8")
     asked: list[str] = []

@@ -84,8 +84,9 @@
       const frame = plot.getBoundingClientRect(), drawn = svg.getBoundingClientRect();
       const zoom = drawn.width / svg.viewBox.baseVal.width, top = panels[panel].box[1];
       const across = placed(panels[panel].x, x) * zoom + drawn.left - frame.left;
-      const over = across + 12 + board.offsetWidth > frame.width && across > frame.width / 2;
-      board.style.left = `${Math.max(0, over ? across - 12 - board.offsetWidth : across + 12)}px`;
+      const width = board.offsetWidth, right = across + 12, room = frame.width - width;
+      const left = right > room && across > frame.width / 2 ? across - 12 - width : right;
+      board.style.left = `${Math.max(0, Math.min(left, room))}px`;
       board.style.top = `${top * zoom + drawn.top - frame.top}px`;
     };
 
@@ -100,6 +101,7 @@
       show();
     });
     for (const leaving of ["pointerleave", "blur"]) plot.addEventListener(leaving, hide);
+    addEventListener("resize", hide);
     plot.addEventListener("focus", () => plot.matches(":focus-visible") && show());
     plot.addEventListener("keydown", (event) => {
       if (event.ctrlKey || event.altKey || event.metaKey) return;
