@@ -39,3 +39,8 @@ class Deferred(Mapping[str, Any]):
 
     def __reduce__(self) -> tuple[type[dict[str, Any]], tuple[dict[str, Any]]]:
         return dict, (dict(self),)
+
+
+def extended(record: Mapping[str, Any], **more: Any) -> Mapping[str, Any]:
+    """A record with further entries; what is deferred stays so."""
+    return record | more if isinstance(record, Deferred) else {**record, **more}
