@@ -13,7 +13,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from nhpocp.cli.options import json_option, load, set_option
-from nhpocp.cli.terminal import comparison_lines, error_data, progress, put, report, say, verdict_lines
+from nhpocp.cli.progress import progress
+from nhpocp.cli.summary import comparison_lines, report, task
+from nhpocp.cli.terminal import error_data, put, say, verdict_lines
 from nhpocp.errors import InvalidProblemError
 
 if TYPE_CHECKING:
@@ -57,14 +59,16 @@ def solve(
 
         from nhpocp import planning
 
-        with progress(as_json) as show:
+        with progress(as_json, f"{problem.name} by {solver}") as show:
             solution = planning.solve(problem, problem.solvers[solver], show)
-        interruption.patient = True
-        _write(solution, folder, trace)
+            interruption.patient = True
+            if show and problem.pictures:
+                show({"k": None, "error": None, "stage": "drawing"})
+            _write(solution, folder, trace)
         if as_json:
             put({**to_json(solution), "folder": str(folder)})
         else:
-            report(solution, folder)
+            report(solution, folder, task(file, overrides))
     return SOLVED if solution.converged else NOT_SOLVED
 
 
@@ -313,7 +317,11 @@ def compare(
     with _keeping() as interruption:
         from nhpocp.comparison_folder import load_comparison, write_comparison
 
-        found = load_comparison(files) if stored else _compared(files, variants, overrides, output, as_json)
+        tasks: dict[str, str] = {}
+        if stored:
+            found = load_comparison(files)
+        else:
+            found, tasks = _compared(files, variants, overrides, output, as_json)
         interruption.patient = True
         from nhpocp.views.report import write_report
 
@@ -321,18 +329,19 @@ def compare(
         if as_json:
             put(found.to_json())
         else:
-            comparison_lines(found, report_file)
+            comparison_lines(found, report_file, tasks)
     return SOLVED if found.all_converged else NOT_SOLVED
 
 
 def _compared(
     files: Sequence[Path], variants: Sequence[str], overrides: Sequence[str], home: Path, quiet: bool
-) -> Comparison:
-    """Every run, each stored as soon as it has ended."""
+) -> tuple[Comparison, dict[str, str]]:
+    """Every run, each stored as soon as it has ended; and what was typed for every problem's name."""
     from nhpocp import comparison
     from nhpocp.comparison_folder import check_home, plan
 
-    runs = plan([load(file, overrides) for file in files], variants, home)
+    problems = [load(file, overrides) for file in files]
+    runs = plan(problems, variants, home)
     check_home(home)
     folders = {id(run): folder for folder, run in runs.items()}
 
@@ -340,8 +349,10 @@ def _compared(
         folder = folders[id(run)]
         _write(solution, Path(folder))
         if not quiet:
-            click.echo(f"{run.problem.name} by {run.variant}: {solution.outcome.value}  {solution.message}")
+            # above the progress, which takes what `print` writes, and not what `click.echo` does
+            print(f"{run.problem.name} by {run.variant}: {solution.outcome.value}  {solution.message}")
         return folder
 
+    tasks = {problem.name: task(file, overrides) for problem, file in zip(problems, files, strict=True)}
     with progress(quiet) as show:
-        return comparison.compare(list(runs.values()), progress=show, finished=keep)
+        return comparison.compare(list(runs.values()), progress=show, finished=keep), tasks
