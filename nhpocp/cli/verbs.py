@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gc
-import json
 import signal
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -210,49 +209,6 @@ def systems(as_json: bool) -> int:
 
 def _block(block: Mapping[str, Any]) -> str:
     return block["name"] + "".join(f"[{size}]" for size in block["shape"])
-
-
-@cli.command()
-@json_option
-def schema(as_json: bool) -> int:
-    """Print the JSON schema of problem files.
-
-    For editors; the same with and without --json.
-    """
-    from nhpocp.problem_file import json_schema
-
-    put(json_schema())
-    return SOLVED
-
-
-@cli.command()
-@click.argument("file", type=click.Path(path_type=Path), default=Path("problem.yaml"))
-@click.option(
-    "--system", "model", default="three_upu", show_default=True, help="A model of `nhpocp systems`."
-)
-@json_option
-def init(file: Path, model: str, as_json: bool) -> int:
-    """Write a commented starter FILE and its JSON schema beside it."""
-    from nhpocp.problem_file import json_schema, starter
-
-    text = starter(model)
-    beside = file.with_name("nhpocp.schema.json")
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        with file.open("x", encoding="utf-8") as target:
-            target.write(text)
-        beside.write_text(json.dumps(json_schema(), indent=1) + "\n", encoding="utf-8")
-    except FileExistsError:
-        raise InvalidProblemError(
-            "this file exists and is left alone; name another", file=str(file)
-        ) from None
-    except OSError as error:
-        raise InvalidProblemError(f"cannot write here: {error.strerror}", file=str(file)) from error
-    if as_json:
-        put({"file": str(file), "schema": str(beside)})
-    else:
-        click.echo(f"{file}\n{beside}\nnext: nhpocp solve {file}")
-    return SOLVED
 
 
 @cli.command()
