@@ -631,3 +631,45 @@ def test_python_hears_of_the_same_objectives() -> None:
         InvalidProblemError, match="none of effort, path_length, time, the objectives of unicycle"
     ):
         dataclasses.replace(problem, objective="leg_effort")
+
+
+# --- angles that are probably degrees -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("rpy: [0, 0, 0]", "rpy: [0, 0, -90]", "start.orientation.rpy[2]: -90 radians are 14.3 turns"),
+        ("rpy: [0, 0, 0]", "rotvec: [30, 0, 0]", "start.orientation.rotvec[0]: 30 radians are 4.77 turns"),
+        ("three_upu}", "three_upu, roller_tilt: 75}", "if degrees are meant, write 75 deg"),
+        ("rpy: [0, 0, 0]", "rpy: [0, 0, 720 deg]", None),
+        ("rpy: [0, 0, 0]", "rpy: [0, 0, -6.2]", None),
+    ],
+)
+def test_many_turns_in_radians_are_doubted(old, new, words) -> None:
+    warnings = read_text(MINIMAL.replace(old, new)).warnings
+    assert len(warnings) == (words is not None)
+    assert words is None or words in warnings[0]
+
+
+def test_coordinates_may_count_their_turns() -> None:
+    text = "nhpocp: 1\nsystem: {model: unicycle}\nstart: {x: 0, y: 0, theta: 0}\ngoal: {theta: 12.6}\n"
+    assert read_text(text).warnings == []
+    (warning,) = read_text(text.replace("12.6", "90")).warnings
+    assert warning == "goal.theta: 90 radians are 14.3 turns; if degrees are meant, write 90 deg"
+    (warning,) = read_text(text + "via: [{at: 0.5, theta: 45}]\n").warnings
+    assert warning.startswith("via[0].theta: 45 radians")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("25 cm", "'cm' is no unit here, only deg is: write 25, in the unit of your other numbers"),
+        ("1e-3m", "'m' is no unit here, only deg is: write 1e-3,"),
+        ("75 grad", "'grad' is no unit here, only deg is: write 75"),
+        ("1.5 rad", "radians are plain numbers: write 1.5"),
+    ],
+)
+def test_units_are_answered_with_what_to_write(text, words) -> None:
+    with pytest.raises(ValueError, match=words):
+        parse_number(text)

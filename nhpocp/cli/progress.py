@@ -9,6 +9,8 @@ from math import inf, isfinite, log10
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
+from nhpocp.deferred import at_hand
+
 if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions, RenderResult
 
@@ -74,21 +76,21 @@ class Panel:
 
     def hear(self, record: Mapping[str, Any]) -> bool:
         """Takes a record; whether it is time to draw."""
-        now = perf_counter()
-        if "stage" in record:
-            self.last = {**self.last, "stage": record["stage"]}
+        now, known = perf_counter(), at_hand(record)
+        if "stage" in known:
+            self.last = {**self.last, "stage": known["stage"]}
             return True
-        key = [record.get(name) for name in ("run", "way")]
+        key = [known.get(name) for name in ("run", "way")]
         if key != self.key:
             self._begin(key)
-        if not self.calls or record.get("phase") != self.last.get("phase"):
-            self.since, self.calls, self.foretold = now, 0, record.get("expected")
+        if not self.calls or known.get("phase") != self.last.get("phase"):
+            self.since, self.calls, self.foretold = now, 0, known.get("expected")
         self.calls += 1
         error = record["error"]
         if error is not None and isfinite(error):
             self.errors.append(error)
         plain = ("k", "tolerance", "phase", "at_most", "expected", "way", "name", "variant", "run", "runs")
-        self.last = {name: record.get(name) for name in plain} | {"error": error}
+        self.last = {name: known.get(name) for name in plain} | {"error": error}
         if now - self._looked < OFTEN:
             return False
         self._looked = now

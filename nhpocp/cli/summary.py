@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 TIMES = {"build_s": "build", "solve_s": "solve", "verify_s": "verification"}
 WIDEST = 100
-ROOM_FOR_ALL = 76  # columns; the table of a comparison leaves out the gap below it
+ROOM_FOR_ALL = 76  # columns; the table of a comparison leaves out gap and time below it
 
 
 def report(solution: Solution, folder: Path, task: str = "") -> None:
@@ -158,15 +158,16 @@ def _comparison_table(comparison: Comparison, file: Path, tasks: Mapping[str, st
     wide = console.width >= ROOM_FOR_ALL
     table = Table(box=SIMPLE_HEAD, pad_edge=False)
     table.add_column("run", overflow="fold")
-    table.add_column("outcome", overflow="fold")
+    table.add_column("outcome", no_wrap=True)
     costs = sorted({row["objective"] for row in rows})
-    for name in ["E", costs[0] if len(costs) == 1 else "cost", *(["gap"] if wide else []), "time"]:
+    for name in ["E", costs[0] if len(costs) == 1 else "cost", *(["gap", "time"] if wide else [])]:
         table.add_column(name, justify="right", no_wrap=True)
     for row in rows:
-        gap = [f"{_gap(row)} %" if row["converged"] else "-"] if wide else []
-        numbers = [_figure(row["verified_error"], ".1e"), _figure(row["objective_value"], ".5g"), *gap]
+        gap = f"{_gap(row)} %" if row["converged"] else "-"
+        more = [gap, f"{_figure(row['solve_s'], '.2f')} s"] if wide else []
+        numbers = [_figure(row["verified_error"], ".1e"), _figure(row["objective_value"], ".5g"), *more]
         run = f"{row['name']} by {row['variant']}"
-        table.add_row(run, _outcome(row["outcome"]), *numbers, f"{_figure(row['solve_s'], '.2f')} s")
+        table.add_row(run, _outcome(row["outcome"]), *numbers)
     console.print(table)
     for entry in comparison.entries:
         if not entry.solution.converged and not tasks:  # else it was said as the run ended
@@ -209,15 +210,13 @@ def next_commands(solution: Solution, folder: Path, task: str) -> list[str]:
         return [again, f"nhpocp verify {place}"]
     if outcome == "solver_error":
         return ["nhpocp doctor"]
-    if outcome == "not_reached":
-        return [f"nhpocp analyze {task}", f"{again} --solver nlp"]
     if solution.solver == "nlp":
         return [_nlp_again(again, outcome, settings), f"nhpocp analyze {task}"]
     if outcome == "not_verified":
         return [f"{again} --set solvers.jacobian.steps={4 * (settings.get('steps') or 100)}"]
     if outcome == "constraint_violated":
         return [f"{again} --solver nlp"]
-    if settings.get("step_rule") != "auto":
+    if settings.get("step_rule") != "auto" and outcome != "not_reached":
         return [f"{again} --set solvers.jacobian.step_rule=auto", f"nhpocp analyze {task}"]
     return [f"nhpocp analyze {task}", f"{again} --solver nlp"]
 

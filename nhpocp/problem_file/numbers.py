@@ -90,6 +90,10 @@ def _hint(text: str) -> str:
         return f"; write {squeezed!r}"
     if re.fullmatch(rf"[-+]?{_DECIMAL}([eE][-+]?[0-9]+)?", squeezed):
         return f"; write {squeezed}" if squeezed != text else "; remove the quotes"
+    if found := re.fullmatch(rf"([-+]?{_DECIMAL}(?:[eE][-+]?[0-9]+)?)([a-zA-Zµ/]+)", squeezed):
+        if found[2] in ("rad", "radian", "radians"):
+            return f"; radians are plain numbers: write {found[1]}"
+        return f"; {found[2]!r} is no unit here, only deg is: write {found[1]}, in the unit of your other numbers"
     return "; numbers are written 0.5, 1e-3, -pi/6, 2*pi/3 or 75 deg" if re.search("pi|[0-9]", text) else ""
 
 
