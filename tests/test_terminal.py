@@ -82,7 +82,7 @@ def test_ctrl_c_ends_the_progress_and_keeps_what_was_found(tmp_path):
     said = plain(sent)
     assert status == 1
     assert "paper by jacobian · to the goal (euler)" in said
-    assert re.search(r"update \d+  E 1\.\d+e\+00  of 0\.001  [▁▂▃▄▅▆▇█]{8,}", said)
+    assert re.search(r"update \d+  E 1\.\d+e\+00  wanted 0\.001  [▁▂▃▄▅▆▇█]{8,}", said)
     assert re.search(r"γ 0\.0001  step [\d.e-]+  σ_min\(J\) 0\.\d+  rank 6", said)
     assert re.search(r"\d s so far  about \d+ (s|min) to the goal", said)
     assert "paper by jacobian: interrupted" in said

@@ -114,7 +114,7 @@ class Panel:
         last = self.last
         run = f"run {last['run']} of {last['runs']}" if last.get("run") else ""
         name = f"{last['name']} by {last['variant']}" if last.get("name") else self.title
-        at = last.get("stage") or last.get("phase") or ("working" if last else "building")
+        at = last.get("stage") or last.get("phase") or ""
         head = _fitting([name, run, last.get("way") or "", at], width, " · ")
         return [head, self._distance(width, blocks), _fitting(self.figures, width), self._time(width)]
 
@@ -129,7 +129,7 @@ class Panel:
             count += f" ({self.calls} evaluations)"
         error = "no number" if last["error"] is None else f"{last['error']:.2e}"
         error = f"{'infeasibility' if nlp else 'E'} {error}"
-        goal = f"of {last['tolerance']:g}" if last.get("tolerance") and not nlp else ""
+        goal = f"wanted {last['tolerance']:g}" if last.get("tolerance") and not nlp else ""
         words = _fitting([count, error, goal], width)
         room = min(40, width - len(words) - 2)
         if room < 8 or not self.errors:

@@ -281,7 +281,8 @@ def compare(
         interruption.patient = True
         from nhpocp.views.report import write_report
 
-        report_file, *_ = write_comparison(found, output, write_report)
+        with progress(as_json, "writing the report"):
+            report_file, *_ = write_comparison(found, output, write_report)
         if as_json:
             put(found.to_json())
         else:

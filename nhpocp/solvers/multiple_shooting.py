@@ -211,14 +211,9 @@ class _Run:
     def _prospect(self, programme: Transcription, k: int) -> dict[str, Any]:
         """What a listener is told besides, see `Progress`."""
         limit = self.solver.optimizer.settings().get("max_iterations")
-        steps = f"{programme.steps} step{'s' if programme.steps > 1 else ''}"
-        return {
-            "tolerance": self.solver.tolerance,
-            "phase": f"{self.solver.intervals} intervals of {steps}"
-            + (", bounds tightened" if "tightened" in self.details else ""),
-            "at_most": limit - k if limit else None,
-            "expected": None,
-        }
+        phase = f"{self.solver.intervals} intervals × {programme.steps} RK4"
+        left = limit - k if limit else None
+        return {"tolerance": self.solver.tolerance, "phase": phase, "at_most": left, "expected": None}
 
     def _enough_steps(self, control: Control) -> int:
         """The least number of RK4 steps per interval that integrates the guess well enough."""
