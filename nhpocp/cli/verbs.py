@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from nhpocp.solution import Solution
     from nhpocp.solvers.interruption import Interruption
 
+DRAWING = {"k": None, "error": None, "stage": "drawing"}
 SOLVED, NOT_SOLVED, BAD_INPUT, MISSING_PART = 0, 1, 2, 3
 
 
@@ -62,7 +63,7 @@ def solve(
             solution = planning.solve(problem, problem.solvers[solver], show)
             interruption.patient = True
             if show and problem.pictures:
-                show({"k": None, "error": None, "stage": "drawing"})
+                show(DRAWING)
             _write(solution, folder, trace)
         if as_json:
             put({**to_json(solution), "folder": str(folder)})
@@ -304,6 +305,8 @@ def _compared(
 
     def keep(solution: Solution, run: comparison.Run) -> str:
         folder = folders[id(run)]
+        if show and run.problem.pictures:
+            show(DRAWING)
         _write(solution, Path(folder))
         if not quiet:
             # above the progress, which takes what `print` writes, and not what `click.echo` does
