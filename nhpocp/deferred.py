@@ -44,3 +44,13 @@ class Deferred(Mapping[str, Any]):
 
     def __reduce__(self) -> tuple[type[dict[str, Any]], tuple[dict[str, Any]]]:
         return dict, (dict(self),)
+
+
+def extended(record: Mapping[str, Any], **more: Any) -> Mapping[str, Any]:
+    """A record with further entries; what is deferred stays so."""
+    return record | more if isinstance(record, Deferred) else {**record, **more}
+
+
+def at_hand(record: Mapping[str, Any]) -> Mapping[str, Any]:
+    """The entries of a record that cost nothing to look at; to ask the record itself for one that is absent does."""
+    return record._known if isinstance(record, Deferred) else record

@@ -30,6 +30,8 @@ def solve(
     solver = solver or default_solver(problem)
     solution = refused(problem, solver) or solver.solve(problem, progress)
     began = perf_counter()
+    if progress:
+        progress({"k": None, "error": None, "stage": "verifying"})
     with Interruption():  # short, and an interrupted solution deserves its verdict
         verdict = verify(solution)
     return solution.judged(verdict, perf_counter() - began)

@@ -151,6 +151,7 @@ class _Run:
         self.records: list[Deferred] = []
         self.updates, self.limit = 0, solver.max_iterations * solver.step_rule.evaluations
         self.details: dict[str, Any] = {}
+        self.phase = f"to the goal ({solver.step_rule.kind})"
         self.here: Evaluation | None = None
         self.interruption = Interruption()
         self.build_seconds = perf_counter() - began
@@ -217,6 +218,7 @@ class _Run:
             resolved = not tried.failure and resolution.error(coefficients, tried.end.state) <= allowed
             return tried if resolved else None
 
+        self.phase = "into the bounds" if solver.objective == "none" else f"to the least {solver.objective}"
         self.limit += solver.max_iterations  # bounds each of the two phases
         search = Improvement(
             self.problem,
@@ -253,8 +255,18 @@ class _Run:
         }
         self.records.append(Deferred(partial(self.evaluator.looked_at, evaluation), known))
         if self.progress:
-            self.progress(self.records[-1])
+            self.progress(self.records[-1] | self.prospect(evaluation.error))
         return evaluation
+
+    def prospect(self, error: float) -> dict[str, Any]:
+        """What a listener is told besides, see `Progress`."""
+        solver, reached = self.solver, self.here is not None and self.here.error < self.solver.tolerance
+        return {
+            "tolerance": solver.tolerance,
+            "phase": self.phase,
+            "at_most": self.limit - len(self.records) + 1,
+            "expected": None if reached else solver.step_rule.updates_left(error, solver.tolerance),
+        }
 
     def accept(self, here: Evaluation) -> None:
         """Makes an evaluated control the current one; the last record is its own."""

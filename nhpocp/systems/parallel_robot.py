@@ -115,6 +115,10 @@ class ParallelRobot(System):
         },
     }
 
+    example: ClassVar[Mapping[str, Any]] = {
+        "start": {"position": [0, 0, 25], "orientation": {"rpy": [0, 0, "-30 deg"]}},
+        "goal": {"position": [-0.4, -0.2, 30], "orientation": {"rpy": [0, 0, "-60 deg"]}},
+    }
     state_space = StateSpace([vector("position", 3, "length"), rotation("orientation")])
     output_names: ClassVar[tuple[str, ...]] = ("leg_lengths", "platform_normal")
     legs: tuple[Leg, ...]

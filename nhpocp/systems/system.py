@@ -65,6 +65,10 @@ class System(Protocol):
         tuple[Block, ...]
     ] = ()  # those of `outputs` that depend on x alone: they may be goals
 
+    # a task with the default parameters, for `nhpocp init`: `start`, `goal` and, where the control to begin with
+    # matters, `control`, as a problem file writes them
+    example: ClassVar[Mapping[str, Any]] = {}
+
     state_space: StateSpace
     input_space: StateSpace
 

@@ -72,6 +72,11 @@ class ThreeUPU(ParallelRobot):
         "vertical_equal": {"base_radius": 10.0, "platform_radius": 10.0, "roller_tilt": pi / 2},
     }
 
+    example: ClassVar[Mapping[str, Any]] = {  # the paper's
+        "start": {"position": [0, 0, 25], "orientation": {"rpy": [0, 0, "-pi/6"]}},
+        "goal": {"position": [-0.4, -0.2, 35], "orientation": {"rpy": [0, 0, "-90 deg"]}},
+        "control": {"initial": [[0, 0.5, 0, 0, 0], [0, 0.5, 0, 0, 0], [1, 0, 0.5, 0, 0]]},
+    }
     output_names: ClassVar[tuple[str, ...]] = ("u", "v", "leg_lengths", "joint_angles", "platform_normal")
 
     def __init__(
