@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from nhpocp.arrays import Array
-from nhpocp.constraints import Bound, check_bounds
+from nhpocp.constraints import check_bounds
 from nhpocp.controls.basis import ControlBasis
 from nhpocp.controls.control import Control
 from nhpocp.deferred import Deferred
@@ -260,7 +260,7 @@ class _Run:
                 self.problem.bounds, motion.trajectory["t"], motion.trajectory, BETWEEN_NODES
             )
             broken = {report.bound.quantity: report.worst for report in reports if not report.ok}
-            tightened = [_tightened(bound, 1.5 * broken.get(bound.quantity, 0.0)) for bound in self.bounds]
+            tightened = [bound.tightened(1.5 * broken.get(bound.quantity, 0.0)) for bound in self.bounds]
             if not broken or not np.isfinite(list(broken.values())).all():
                 break
             if None in tightened:
@@ -386,14 +386,6 @@ def _excess(programme: Transcription, constraints: Array) -> Array:
     """How far every constraint is outside its bounds; infinite where it is not a number."""
     excess = np.maximum(programme.lower - constraints, constraints - programme.upper)
     return np.where(np.isnan(excess), np.inf, np.maximum(excess, 0.0))
-
-
-def _tightened(bound: Bound, amount: float) -> Bound | None:
-    """The bound moved inwards on both sides; None where nothing would be left inside."""
-    if not amount:
-        return bound
-    lower, upper = np.asarray(bound.lower) + amount, np.asarray(bound.upper) - amount
-    return replace(bound, lower=lower, upper=upper) if (lower <= upper).all() else None
 
 
 def mesh_check(
