@@ -98,10 +98,14 @@ Namespace = NumPyNamespace | CasadiNamespace
 _numpy, _casadi = cache(NumPyNamespace), cache(CasadiNamespace)
 
 
+@cache
+def _of_casadi(kind: type) -> bool:
+    return kind.__module__.partition(".")[0] == "casadi"
+
+
 def namespace(*operands: Any) -> Namespace:
     """CasADi if any operand belongs to it, else NumPy."""
-    symbolic = any(type(operand).__module__.partition(".")[0] == "casadi" for operand in operands)
-    return _casadi() if symbolic else _numpy()
+    return _casadi() if any(map(_of_casadi, map(type, operands))) else _numpy()
 
 
 def symbolic() -> CasadiNamespace:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pickle
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -56,7 +56,7 @@ def plan_many(
 
 
 def _planned(problem: PlanningProblem, goal: Mapping[str, Any], solver: Solver) -> Plan:
-    problem = replace(problem, goal=goal)
+    problem = problem.towards(goal)
     found = refused(problem, solver) or solver.solve(problem)
     if found.outcome is Outcome.INTERRUPTED:
         raise KeyboardInterrupt

@@ -22,38 +22,39 @@ def call(function: ca.Function, *arguments: Array) -> tuple[Array, ...]:
     return _caller(function, get_ident())(arguments)
 
 
-@lru_cache(maxsize=512)  # asking CasADi for a buffer and for sizes costs more than a small function does
+@lru_cache(maxsize=64)  # asking CasADi for a buffer and for sizes costs more than a small function does
 def _caller(function: ca.Function, thread: int) -> _Caller:
     return _Caller(function)
 
 
 class _Caller:
-    """One thread's buffer of a function, and the sizes of what goes in and out."""
+    """One thread's buffer of a function, and the arrays that it reads and writes."""
 
     def __init__(self, function: ca.Function) -> None:
         buffer: Any
         buffer, self._evaluate = function.buffer()
         self._buffer, self._function = buffer, function
-        self._sizes = [function.nnz_in(place) for place in range(function.n_in())]
-        self._shapes = [
-            (function.size2_out(place), function.size1_out(place)) for place in range(function.n_out())
+        self._arguments: list[Array] = [np.zeros(function.nnz_in(place)) for place in range(function.n_in())]
+        self._results: list[Array] = [
+            np.zeros((function.size2_out(place), function.size1_out(place)))
+            for place in range(function.n_out())
         ]
-        for place, (columns, rows) in enumerate(self._shapes):
-            if function.nnz_out(place) != columns * rows:
+        for place, array in enumerate(self._arguments):
+            buffer.set_arg(place, array.data)
+        for place, array in enumerate(self._results):
+            if function.nnz_out(place) != array.size:
                 raise ValueError(f"{function.name_out(place)} of {function.name()} is sparse")
+            buffer.set_res(place, array.data)
 
     def __call__(self, arguments: Sequence[Array]) -> tuple[Array, ...]:
-        kept = [np.ascontiguousarray(argument, dtype=float) for argument in arguments]
-        for place, (array, size) in enumerate(zip(kept, self._sizes, strict=True)):
-            if array.size != size:
+        for place, (given, array) in enumerate(zip(arguments, self._arguments, strict=True)):
+            numbers = np.asarray(given)
+            if numbers.size != array.size:
                 name = self._function.name_in(place)
-                raise ValueError(f"{array.size} numbers for {name}, {size} expected")
-            self._buffer.set_arg(place, array.data)
-        results = tuple([np.empty(shape) for shape in self._shapes])
-        for place, result in enumerate(results):
-            self._buffer.set_res(place, result.data)
+                raise ValueError(f"{numbers.size} numbers for {name}, {array.size} expected")
+            array.reshape(numbers.shape)[...] = numbers
         self._evaluate()
-        return results
+        return tuple([result.copy() for result in self._results])
 
 
 @lru_cache(maxsize=128)  # making a map costs more than calling it

@@ -20,7 +20,7 @@ from nhpocp.errors import InvalidProblemError, NhpocpError
 from nhpocp.flow.simulation import simulate
 from nhpocp.machine import machine, peak_memory, reset_peak_memory
 from nhpocp.problem import PlanningProblem
-from nhpocp.solution import Outcome, Progress, Solution, Solver
+from nhpocp.solution import Outcome, Progress, Solution, Solver, telling
 from nhpocp.solvers.guesses import starting_horizon
 from nhpocp.solvers.interruption import Interruption
 
@@ -189,9 +189,9 @@ def compare(
     ]
     entries: list[Entry] = []
     with Interruption() as interruption, suppress(KeyboardInterrupt):
-        for run in runs:
+        for i, run in enumerate(runs, 1):
             interruption.check()
-            solution = _solved(run, progress)
+            solution = _solved(run, telling(progress, run=i, runs=len(runs)))
             interruption.patient = True  # what is found is kept
             entries.append(Entry(solution, run.variant, finished(solution, run) if finished else None))
             interruption.patient = False
@@ -218,15 +218,11 @@ def _own(problem: PlanningProblem, name: str) -> Run:
 
 def _solved(run: Run, progress: Progress | None) -> Solution:
     """The verified solution, with a note of the run in its details; what cannot be solved is a failure."""
-
-    def show(record: Mapping[str, Any]) -> None:
-        if progress:
-            progress({**record, "name": run.problem.name, "variant": run.variant})
-
+    told = telling(progress, name=run.problem.name, variant=run.variant)
     measured = reset_peak_memory()
     began = perf_counter()
     try:
-        solution = planning.solve(run.problem, run.solver, show if progress else None)
+        solution = planning.solve(run.problem, run.solver, told)
     except FAILURES as error:
         solution = _failure(run, error, perf_counter() - began)
     note = {

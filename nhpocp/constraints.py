@@ -6,7 +6,7 @@ A quantity is any entry of a trajectory: a state block, an input, an output, or 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Any
 
@@ -43,6 +43,13 @@ class Bound:
     def limits(self, component: tuple[int, ...]) -> tuple[float, float]:
         """(lower, upper) of one component of the quantity."""
         return _entry(self.lower, component), _entry(self.upper, component)
+
+    def tightened(self, amount: float) -> Bound | None:
+        """Moved inwards on both sides; None where nothing would be left inside."""
+        if not amount:
+            return self
+        lower, upper = np.asarray(self.lower) + amount, np.asarray(self.upper) - amount
+        return replace(self, lower=lower, upper=upper) if (lower <= upper).all() else None
 
 
 def _size(limit: Array) -> Array:

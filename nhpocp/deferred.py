@@ -34,8 +34,23 @@ class Deferred(Mapping[str, Any]):
         """With further known entries, or others in place of these."""
         return Deferred(lambda: self._rest, {**self._known, **more})
 
+    def __ior__(self, more: Mapping[str, Any]) -> Deferred:
+        self._known |= more
+        self.__dict__.pop("_whole", None)
+        return self
+
     def __repr__(self) -> str:
         return f"Deferred({self._known!r}, …)"
 
     def __reduce__(self) -> tuple[type[dict[str, Any]], tuple[dict[str, Any]]]:
         return dict, (dict(self),)
+
+
+def extended(record: Mapping[str, Any], **more: Any) -> Mapping[str, Any]:
+    """A record with further entries; what is deferred stays so."""
+    return record | more if isinstance(record, Deferred) else {**record, **more}
+
+
+def at_hand(record: Mapping[str, Any]) -> Mapping[str, Any]:
+    """The entries of a record that cost nothing to look at; to ask the record itself for one that is absent does."""
+    return record._known if isinstance(record, Deferred) else record

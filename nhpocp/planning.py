@@ -30,6 +30,8 @@ def solve(
     solver = solver or default_solver(problem)
     solution = refused(problem, solver) or solver.solve(problem, progress)
     began = perf_counter()
+    if progress:
+        progress({"k": None, "error": None, "stage": "verifying"})
     with Interruption():  # short, and an interrupted solution deserves its verdict
         verdict = verify(solution)
     return solution.judged(verdict, perf_counter() - began)
@@ -103,10 +105,10 @@ def _opposite_signs(problem: PlanningProblem, numeric: NumericSystem, ends: Arra
         if first * last < 0 and numeric.sigmas(ends, problem.scale)[f"sigma_{name}"].min() > ON_THE_SURFACE:
             sentences[name] = f"det {name.upper()} is {first:.3g} at the start and {last:.3g} at the goal"
     found = "; ".join(sentences.values())
-    if getattr(system, "form", None) == "feedback" and not set(sentences) & set(
-        system.with_form("original").separating()  # type: ignore[attr-defined]
-    ):
-        found += ", which eq. (7) cannot cross; `form: original` may" if found else ""
+    if found and getattr(system, "form", None) == "feedback":
+        original = system.with_form("original")  # type: ignore[attr-defined]
+        if not set(sentences) & set(original.separating()):
+            found += ", which eq. (7) cannot cross; `form: original` may"
     return found
 
 

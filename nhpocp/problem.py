@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -122,18 +123,22 @@ class PlanningProblem:
 
     def _check_assembly(self) -> None:
         """Whether the machine can be put together at the start, and its goals leave to its joints what they hold."""
-        invariants = self.system.invariants(self.start_point)
-        self._check_room(len(invariants))
+        self._check_room()
         allowed = ASSEMBLED * max(1.0, self.system.default_length_scale())
-        for name, (value, wanted) in invariants.items():
+        for name, (value, wanted) in self._invariants.items():
             if wanted is not None and not abs(float(value) - wanted) <= allowed:
                 raise InvalidProblemError(
                     f"{name} is {float(value):.6g} here; the machine's joints hold it at {wanted:g}",
                     path="start",
                 )
 
-    def _check_room(self, held: int) -> None:
+    @cached_property
+    def _invariants(self) -> Mapping[str, tuple[Array, float | None]]:
+        return self.system.invariants(self.start_point)
+
+    def _check_room(self) -> None:
         """A goal that fixes what never changes makes the Jacobian of the end point singular, for every control."""
+        held = len(self._invariants)
         blocks = [*self.system.state_space.blocks, *self.system.pose_outputs]
         for part, goal in (("goal", self.goal), *((f"via[{i}]", via.goal) for i, via in enumerate(self.via))):
             count, room = (
@@ -195,6 +200,15 @@ class PlanningProblem:
                     f"no quantity {bound.quantity!r} to bound; there are {', '.join(known)}",
                     path=f"constraints.{bound.label}",
                 )
+
+    def towards(self, goal: Mapping[str, Any]) -> Self:
+        """This problem with another goal; what a goal does not touch is not checked again."""
+        other = copy(self)
+        for name in ("goal_point", "tasks"):
+            other.__dict__.pop(name, None)
+        object.__setattr__(other, "goal", checked_goal(self.system, goal, "goal"))
+        other._check_room()
+        return other
 
     @cached_property
     def start_point(self) -> Array:

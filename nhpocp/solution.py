@@ -10,6 +10,7 @@ from typing import Any, ClassVar, Protocol
 from nhpocp.arrays import Array
 from nhpocp.constraints import BoundReport
 from nhpocp.controls.control import Control
+from nhpocp.deferred import extended
 from nhpocp.problem import PlanningProblem
 
 
@@ -187,9 +188,23 @@ class Solution:
 
 
 class Progress(Protocol):
-    """Called after every iteration with its record."""
+    """Called after every evaluated control or iteration with its record: the one that the Solution keeps, and more.
+
+    ``tolerance``; ``phase``, what the solver is at, in words; ``at_most``: calls until a limit ends this search;
+    ``expected``: those until the goal, where theory foretells them, else None; ``way``: which of several tries this is;
+    ``stage``: what is done besides solving (then k and error are None). `compare` adds ``name``, ``variant``, ``run``
+    and ``runs``. Entries that take work, such as ``sigma_jacobian``, are worked out when they are looked at.
+    """
 
     def __call__(self, record: Mapping[str, Any]) -> None: ...
+
+
+def telling(progress: Progress | None, **more: Any) -> Progress | None:
+    """The same listener, told more with every record; None where nobody listens."""
+    if progress is None:
+        return None
+    listener = progress
+    return lambda record: listener(extended(record, **more))
 
 
 class Solver(Protocol):

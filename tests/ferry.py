@@ -1,4 +1,4 @@
-"""README's example of a user's own system, word for word."""
+"""The example of a user's own system in problems/recipes.md, word for word."""
 
 from typing import ClassVar
 

@@ -30,7 +30,7 @@ from nhpocp.systems.three_upu import ThreeUPU
 from nhpocp.views import drawing, plots
 from nhpocp.views.figures import FIGURES, write_pictures
 from nhpocp.views.overlays import overlays
-from nhpocp.views.style import DOTS_PER_INCH, PANEL, symbol
+from nhpocp.views.style import DOTS_PER_INCH, PANEL, plain_words, symbol
 
 FINAL = [  # physics, section 2: the preset `default` after (17) with gamma = 0.1
     [0.03936, 0.62835, 0.79417, -0.56243, -0.29366],
@@ -545,6 +545,21 @@ def test_two_solutions_share_axes() -> None:
 )
 def test_symbols(name: str, index: int | None, expected: str) -> None:
     assert symbol(name, index) == expected
+
+
+@pytest.mark.parametrize(
+    ("label", "words"),
+    [
+        ("leg length $l_{1}$", "leg length l₁"),
+        (r"$\sigma_{\min}(S)$ [–]", "σmin(S) [–]"),
+        (r"error $\mathcal{E}$ [–]", "error E [–]"),
+        (r"control $\dot{\theta}_{0}$ [rad]", "control θ̇₀ [rad]"),
+        ("$p_{1}$ – goal [length]", "p₁ – goal [length]"),
+        ("time [–]", "time [–]"),
+    ],
+)
+def test_words_of_labels(label: str, words: str) -> None:
+    assert plain_words(label) == words
 
 
 # --- systems of every kind --------------------------------------------------------------------------------------------

@@ -143,14 +143,15 @@ def test_words_that_are_hard_to_provoke(word, outcome):
 def test_the_watch_sees_every_iteration_and_can_stop():
     seen = []
 
-    def watch(k, objective):
-        seen.append((k, objective))
+    def watch(k, objective, look):
+        seen.append((k, objective, look() if k % 2 else look))  # at once, and when all is over
         return k == 3
 
     optimum = Ipopt().solve(CIRCLE, START, None, watch)
     assert optimum.outcome is Outcome.INTERRUPTED
-    assert [k for k, _ in seen] == [0, 1, 2, 3]
+    assert [k for k, _, _ in seen] == [0, 1, 2, 3]
     assert seen[0][1] == pytest.approx(float(rosenbrock(ca.DM(START))), rel=1e-2)
+    assert [look if k % 2 else look() for k, _, look in seen] == optimum.iterations
 
 
 def test_refused_trial_steps_are_counted():

@@ -72,7 +72,8 @@ def test_a_plugins_system_is_one_like_any_other(install, tmp_path, capsys, monke
     assert json.loads(capsys.readouterr().out)["ferry"]["defaults"] == {"current": 0.5}
     assert status(["init", "new.yaml", "--system", "ferry"]) == 0
     assert status(["check", "new.yaml"]) == 0
-    assert "system_ferry" in json_schema()["$defs"]
+    assert status(["solve", "new.yaml", "--set", "output.pictures=false", "-o", "new"]) == 0
+    assert "system_ferry" in json_schema()["definitions"]
     assert any(module in line for line in diagnosed())
 
 
@@ -139,7 +140,7 @@ def test_a_broken_plugin_is_named_and_harms_no_other(install, name, capsys, tmp_
     assert words in listed.err
     assert "Traceback" not in listed.err
     assert set(systems()) == set(SYSTEMS)
-    assert "system_unicycle" in json_schema()["$defs"]
+    assert "system_unicycle" in json_schema()["definitions"]
     assert any(words in line for line in diagnosed())
 
 

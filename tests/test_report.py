@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import base64
 import functools
+import hashlib
 import http.server
+import json
 import re
-import shutil
 import subprocess
 import threading
 from dataclasses import replace
@@ -15,7 +17,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import axe_violations, paper_problem
+from conftest import CHROMIUM, axe_violations, paper_problem
 from test_comparison import line, made
 from test_figures import CASES, good
 
@@ -25,7 +27,6 @@ from nhpocp.views.report import render, write_report
 from nhpocp.views.report_words import comments, given, number, percent
 
 VOID = {"meta", "link", "br", "hr", "img", "input"}
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 SCRIPT = "<script>alert('you')</script>"
 
 
@@ -56,7 +57,7 @@ class Page(HTMLParser):
         assert self.open.pop() == tag, f"</{tag}> closes something else"
 
     def handle_data(self, data: str) -> None:
-        if not (self.open and self.open[-1] == "style"):
+        if not (self.open and self.open[-1] in ("style", "script")):
             self.words += data
 
     def named(self, tag: str) -> list[dict[str, Any]]:
@@ -105,8 +106,21 @@ def test_the_page_needs_nothing_from_outside(page):
             assert str(attributes.get(name, "#")).startswith(("#", "data:,"))
     assert "http" not in page
     assert "@import" not in page
-    assert "<script" not in page
+    # a page that allows only this script and no inline handler stays what it is
+    assert not [key for _, attributes in Page(page).tags for key in attributes if key.startswith("on")]
+    assert not re.search(r"\b(eval|fetch|import|XMLHttpRequest|Function)\b\(", script(page))
     assert len(page.encode()) < 3e6
+
+
+def script(page: str) -> str:
+    """The page's own script, word for word: what a policy's hash is taken of."""
+    (found,) = re.findall(r"<script>(.*?)</script>", page, flags=re.DOTALL)
+    return found
+
+
+def numbers(page: str) -> list[dict[str, Any]]:
+    """What the script is told of each figure over time or iterations."""
+    return [json.loads(text) for text in re.findall(r'<script type="application/json">(.*?)</script>', page)]
 
 
 def test_every_reference_inside_the_page_leads_somewhere(page):
@@ -143,8 +157,8 @@ def test_the_certificate_is_shown(page):
     assert "stationarity" in page
 
 
-def test_the_same_solutions_give_the_same_bytes(tmp_path):
-    assert write_report(both(), tmp_path / "a.html").read_bytes() == render(both()).encode()
+def test_the_same_solutions_give_the_same_bytes(page, tmp_path):
+    assert write_report(both(), tmp_path / "a.html").read_bytes() == page.encode()
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.__name__)
@@ -173,7 +187,9 @@ def test_users_words_are_escaped():
     )
     text = render(Comparison.of([solution, refuted], notes=[SCRIPT]))
     parsed = Page(text)
-    assert not parsed.named("script")
+    own = [attributes.get("type", "") for attributes in parsed.named("script")]
+    assert own == ["application/json"] * (len(own) - 1) + [""]
+    assert "alert" not in script(text)
     assert text.count("&lt;script&gt;") > 8
 
 
@@ -257,7 +273,112 @@ def test_comments_of_a_problem_file():
     assert comments(None) == ([], [])
 
 
-@pytest.mark.skipif(CHROMIUM is None, reason="no Chromium here: install it to see the report in a browser")
+IN_A_BROWSER = pytest.mark.skipif(
+    CHROMIUM is None, reason="no Chromium here: install it to see the report in a browser"
+)
+
+
+def test_the_script_is_told_what_is_drawn(page):
+    figures = numbers(page)
+    assert [figure["abscissa"] for figure in figures] == ["t", "t", "t", "t", "k"]
+    solution = good()
+    legs = figures[1]["panels"]
+    assert [panel["name"] for panel in legs[:3]] == ["leg length l₁", "leg length l₂", "leg length l₃"]
+    assert {panel["unit"] for panel in legs[3:]} == {"length per unit time"}
+    for i, panel in enumerate(legs[:3]):
+        assert [curve["name"] for curve in panel["curves"]] == ["Jacobian method", "NLP"]
+        for curve in panel["curves"]:
+            told = np.array(curve["y"])
+            np.testing.assert_allclose(told, solution.trajectory["leg_lengths"][:, i], rtol=5.1e-4)
+    convergence = figures[-1]["panels"][0]
+    assert (convergence["y"][2], figures[-1]["interpolate"]) == (1, False)
+    drawn = set(re.findall(r"[ML] (-?[\d.]+ -?[\d.]+)", page))
+    drawn = np.array([[float(number) for number in pair.split()] for pair in drawn])
+    for figure in figures:
+        for panel in figure["panels"]:
+            for curve in panel["curves"]:  # where the script puts its dots there is a line of the picture
+                point = [
+                    offset + factor * (np.log10(value) if log else value)
+                    for (offset, factor, log), value in zip(
+                        (panel["x"], panel["y"]), (figure["xs"][curve["x"]][-1], curve["y"][-1]), strict=True
+                    )
+                ]
+                assert np.abs(drawn - point).max(axis=1).min() < 0.1
+
+
+def opened(browser: Any, text: str, **options: Any) -> Any:
+    """The page under the strictest policy that lets its own script run; complaints fail the test at `complaints`."""
+    digest = base64.b64encode(hashlib.sha256(script(text).encode()).digest()).decode()
+    policy = f"default-src 'none'; style-src 'unsafe-inline'; img-src data:; script-src 'sha256-{digest}'"
+    tab = browser.new_context(viewport={"width": 1100, "height": 900}, **options).new_page()
+    tab.complaints = []
+    tab.on("console", lambda message: tab.complaints.append(message.text))
+    tab.on("pageerror", lambda error: tab.complaints.append(str(error)))
+    headers = {"Content-Security-Policy": policy, "Content-Type": "text/html; charset=utf-8"}
+    tab.route("**/*", lambda route: route.fulfill(body=text, headers=headers))
+    tab.goto("http://report.test/")
+    return tab
+
+
+@IN_A_BROWSER
+def test_the_pointer_shows_the_values_of_the_curves(page, browser):
+    tab = opened(browser, page)
+    figure, solution, told = tab.locator(".plot").nth(1), good(), numbers(page)[1]
+    board, panel = figure.locator(".readout"), told["panels"][1]
+    assert board.count() == 1
+    assert not board.is_visible()
+    figure.scroll_into_view_if_needed()
+    box = figure.locator("svg").bounding_box()
+    zoom = box["width"] / float(figure.locator("svg").get_attribute("viewBox").split()[2])
+    across = panel["x"][0] + 0.37 * panel["x"][1]
+    tab.mouse.move(box["x"] + zoom * across, box["y"] + zoom * (panel["box"][1] + panel["box"][3]) / 2)
+    times, lengths = solution.trajectory["t"], solution.trajectory["leg_lengths"][:, 1]
+    nearest = int(np.argmin(np.abs(times - 0.37)))
+    heading, *rows = board.inner_text().splitlines()
+    assert heading == f"leg length l₂ at t = {times[nearest]:g}"
+    assert rows == [f"{name}: {lengths[nearest]:.2f} length" for name in ("Jacobian method", "NLP")]
+    tab.mouse.move(5, 5)
+    assert not board.is_visible()
+    figure.focus()
+    for key in ("Home", "Shift+ArrowRight", "ArrowRight", "ArrowDown"):
+        tab.keyboard.press(key)
+    assert board.inner_text().startswith(f"leg length l₃ at t = {times[11]:g}\n")
+    tab.keyboard.press("Escape")
+    assert not board.is_visible()
+    assert tab.complaints == []
+
+
+@IN_A_BROWSER
+def test_without_javascript_nothing_is_missing(page, browser):
+    off = opened(browser, page, java_script_enabled=False)
+    assert off.locator("figure svg").count() == 6
+    assert off.locator("figcaption:visible").count() == 6
+    assert off.locator(".readout").count() == 0
+    assert off.locator("script:visible").count() == 0
+
+
+@IN_A_BROWSER
+def test_paper_shows_no_cursor(page, browser):
+    tab = opened(browser, page)
+    tab.locator(".plot").first.focus()
+    tab.keyboard.press("ArrowRight")
+    assert tab.locator(".readout:visible").count() == 1
+    tab.emulate_media(media="print")
+    assert tab.locator(".readout:visible").count() == 0
+
+
+@IN_A_BROWSER
+def test_the_values_fit_a_narrow_page(page, browser):
+    tab = opened(browser, page)
+    tab.set_viewport_size({"width": 400, "height": 700})
+    tab.locator(".plot").first.focus()
+    for key in ("Home", "End"):
+        tab.keyboard.press(key)
+        assert tab.locator(".readout:visible").count() == 1
+        assert tab.evaluate("document.documentElement.scrollWidth <= innerWidth")
+
+
+@IN_A_BROWSER
 def test_a_browser_finds_nothing_to_complain_of(page, tmp_path):
     (tmp_path / "report.html").write_text(page, encoding="utf-8")
     asked: list[str] = []
@@ -293,10 +414,10 @@ def test_a_browser_finds_nothing_to_complain_of(page, tmp_path):
 def test_the_report_passes_axe(browser, tmp_path, page):
     file = tmp_path / "report.html"
     file.write_text(page, encoding="utf-8")
-    opened = browser.new_page(viewport={"width": 1200, "height": 900})
-    opened.goto(file.as_uri())
-    assert axe_violations(opened) == []
-    opened.close()
+    tab = browser.new_page(viewport={"width": 1200, "height": 900})
+    tab.goto(file.as_uri())
+    assert axe_violations(tab) == []
+    tab.close()
 
 
 def test_animations_are_linked_where_there_are_some():

@@ -210,7 +210,8 @@ def test_linearised_is_the_derivative(problem, seed):
     numeric, n = numeric_system(problem.system), problem.system.state_space.size
     state, control = random_state(problem, seed), random_control(problem, seed)(np.array([0.4]))[0]
     point = np.concatenate([state, control])
-    jacobian = numeric.linearised_function(state, control).full()
+    D, A, C = (part.full() for part in numeric.linearised_function(state, control))
+    jacobian = D + A @ C
     step = 1e-3 * max(1.0, problem.scale / 15)
 
     def rate(values: np.ndarray) -> np.ndarray:
@@ -341,7 +342,7 @@ def test_runge_kutta_has_order_four(problem):
 
 @pytest.mark.skipif(machine.c_compiler() is None, reason="no C compiler")
 def test_a_compiled_kernel_gives_the_same_numbers(problem):
-    coefficients = random_control(problem, 9).coefficients
+    coefficients = 0.3 * random_control(problem, 9).coefficients  # singularities would magnify rounding
     ends = [
         DifferentiatedEndPointMap(
             problem.system, BASIS, 1.0, problem.start_point, RungeKutta4(30, kernels=kernels)

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from nhpocp.cli.options import json_option
-from nhpocp.cli.terminal import counter, put
+from nhpocp.cli.progress import counter
+from nhpocp.cli.terminal import put
 from nhpocp.errors import InvalidProblemError
 
 if TYPE_CHECKING:

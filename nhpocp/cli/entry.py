@@ -16,12 +16,13 @@ import click
 
 from nhpocp.cli.analyzing import analyze
 from nhpocp.cli.animating import animate
+from nhpocp.cli.starting import init, schema
 from nhpocp.cli.terminal import error_data, put, say
 from nhpocp.cli.verbs import BAD_INPUT, MISSING_PART, NOT_SOLVED, SOLVED, cli
 from nhpocp.errors import MissingDependencyError, NhpocpError
 
-cli.add_command(analyze)
-cli.add_command(animate)
+for verb in (analyze, animate, init, schema):
+    cli.add_command(verb)
 
 BY_HAND = "stopped by hand; no solution was written"
 

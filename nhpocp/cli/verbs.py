@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gc
-import json
 import signal
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -13,7 +12,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from nhpocp.cli.options import json_option, load, set_option
-from nhpocp.cli.terminal import comparison_lines, error_data, progress, put, report, say, verdict_lines
+from nhpocp.cli.progress import progress
+from nhpocp.cli.summary import comparison_lines, report, task
+from nhpocp.cli.terminal import error_data, put, say, verdict_lines
 from nhpocp.errors import InvalidProblemError
 
 if TYPE_CHECKING:
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from nhpocp.solution import Solution
     from nhpocp.solvers.interruption import Interruption
 
+DRAWING = {"k": None, "error": None, "stage": "drawing"}
 SOLVED, NOT_SOLVED, BAD_INPUT, MISSING_PART = 0, 1, 2, 3
 
 
@@ -57,14 +59,16 @@ def solve(
 
         from nhpocp import planning
 
-        with progress(as_json) as show:
+        with progress(as_json, f"{problem.name} by {solver}") as show:
             solution = planning.solve(problem, problem.solvers[solver], show)
-        interruption.patient = True
-        _write(solution, folder, trace)
+            interruption.patient = True
+            if show and problem.pictures:
+                show(DRAWING)
+            _write(solution, folder, trace)
         if as_json:
             put({**to_json(solution), "folder": str(folder)})
         else:
-            report(solution, folder)
+            report(solution, folder, task(file, overrides))
     return SOLVED if solution.converged else NOT_SOLVED
 
 
@@ -209,49 +213,6 @@ def _block(block: Mapping[str, Any]) -> str:
 
 
 @cli.command()
-@json_option
-def schema(as_json: bool) -> int:
-    """Print the JSON schema of problem files.
-
-    For editors; the same with and without --json.
-    """
-    from nhpocp.problem_file import json_schema
-
-    put(json_schema())
-    return SOLVED
-
-
-@cli.command()
-@click.argument("file", type=click.Path(path_type=Path), default=Path("problem.yaml"))
-@click.option(
-    "--system", "model", default="three_upu", show_default=True, help="A model of `nhpocp systems`."
-)
-@json_option
-def init(file: Path, model: str, as_json: bool) -> int:
-    """Write a commented starter FILE and its JSON schema beside it."""
-    from nhpocp.problem_file import json_schema, starter
-
-    text = starter(model)
-    beside = file.with_name("nhpocp.schema.json")
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        with file.open("x", encoding="utf-8") as target:
-            target.write(text)
-        beside.write_text(json.dumps(json_schema(), indent=1) + "\n", encoding="utf-8")
-    except FileExistsError:
-        raise InvalidProblemError(
-            "this file exists and is left alone; name another", file=str(file)
-        ) from None
-    except OSError as error:
-        raise InvalidProblemError(f"cannot write here: {error.strerror}", file=str(file)) from error
-    if as_json:
-        put({"file": str(file), "schema": str(beside)})
-    else:
-        click.echo(f"{file}\n{beside}\nnext: nhpocp solve {file}")
-    return SOLVED
-
-
-@cli.command()
 @click.option("--clear-cache", is_flag=True, help="Remove the compiled kernels from the cache first.")
 @json_option
 def doctor(clear_cache: bool, as_json: bool) -> int:
@@ -314,36 +275,46 @@ def compare(
     with _keeping() as interruption:
         from nhpocp.comparison_folder import load_comparison, write_comparison
 
-        found = load_comparison(files) if stored else _compared(files, variants, overrides, output, as_json)
+        tasks: dict[str, str] = {}
+        if stored:
+            found = load_comparison(files)
+        else:
+            found, tasks = _compared(files, variants, overrides, output, as_json)
         interruption.patient = True
         from nhpocp.views.animation import animate_runs
         from nhpocp.views.report import write_report
 
-        report_file, *others = write_comparison(found, output, write_report, animate_runs)
+        with progress(as_json, "writing the report"):
+            report_file, _, _, *animations = write_comparison(found, output, write_report, animate_runs)
         if as_json:
             put(found.to_json())
         else:
-            comparison_lines(found, report_file, others[2:])
+            comparison_lines(found, report_file, tasks, animations)
     return SOLVED if found.all_converged else NOT_SOLVED
 
 
 def _compared(
     files: Sequence[Path], variants: Sequence[str], overrides: Sequence[str], home: Path, quiet: bool
-) -> Comparison:
-    """Every run, each stored as soon as it has ended."""
+) -> tuple[Comparison, dict[str, str]]:
+    """Every run, each stored as soon as it has ended; and what was typed for every problem's name."""
     from nhpocp import comparison
     from nhpocp.comparison_folder import check_home, plan
 
-    runs = plan([load(file, overrides) for file in files], variants, home)
+    problems = [load(file, overrides) for file in files]
+    runs = plan(problems, variants, home)
     check_home(home)
     folders = {id(run): folder for folder, run in runs.items()}
 
     def keep(solution: Solution, run: comparison.Run) -> str:
         folder = folders[id(run)]
+        if show and run.problem.pictures:
+            show(DRAWING)
         _write(solution, Path(folder))
         if not quiet:
-            click.echo(f"{run.problem.name} by {run.variant}: {solution.outcome.value}  {solution.message}")
+            # above the progress, which takes what `print` writes, and not what `click.echo` does
+            print(f"{run.problem.name} by {run.variant}: {solution.outcome.value}  {solution.message}")
         return folder
 
+    tasks = {problem.name: task(file, overrides) for problem, file in zip(problems, files, strict=True)}
     with progress(quiet) as show:
-        return comparison.compare(list(runs.values()), progress=show, finished=keep)
+        return comparison.compare(list(runs.values()), progress=show, finished=keep), tasks

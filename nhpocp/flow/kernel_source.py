@@ -166,7 +166,7 @@ def c_source(scheme: Scheme) -> str:
     """
     functions = {
         "step": scheme.step,
-        "slopes": scheme.slopes,
+        **({"slopes": scheme.slopes} if scheme.entries else {}),
         "pulled": scheme.pulled_row,
         "observed": scheme.observed,
         **({"watched": scheme.watched} if scheme.watches else {}),
@@ -180,7 +180,7 @@ def c_source(scheme: Scheme) -> str:
         lanes=LANES,
         row_lanes=_row_lanes(scheme.rows),
         watches=scheme.watches,
-        **{"watched": "", **dict(zip(functions, bodies, strict=True))},
+        **{"slopes": "", "watched": "", **dict(zip(functions, bodies, strict=True))},
     )
     return head + "\n" + loops
 

@@ -67,15 +67,21 @@ class Scheme:
         self._observed = ca.sparsify(ca.SX(whole if observed is None else observed(self._y)))
         self._watched = ca.SX(0, 1) if watched is None else watched(self._y)
         self.rows, self.watches = self._observed.size1(), self._watched.size1()
-        slopes = (
-            differentiated(rate, self._y, self._u) if linearised is None else linearised(self._y, self._u)
+        self._slopes = (
+            [differentiated(rate, self._y, self._u)]
+            if linearised is None
+            else [ca.SX(part) for part in linearised(self._y, self._u)]
         )
-        (slopes,) = ca.cse([ca.sparsify(ca.SX(slopes))])
-        self._pattern = slopes.sparsity()
-        self._different, self._entry, self._sign = _different(slopes)
-        self.entries = (
-            self._different.numel()
-        )  # of [F, B] that are not always 0, nor another one or its negative
+        self._factors = _Packed(self._slopes)
+
+    @cached_property
+    def _product(self) -> _Packed:
+        return _Packed([_multiplied(self._slopes)])
+
+    @property
+    def entries(self) -> int:
+        """Numbers that `slopes` gives."""
+        return int(self._product.numbers.numel())
 
     @cached_property
     def observed(self) -> ca.Function:
@@ -96,33 +102,39 @@ class Scheme:
 
     @cached_property
     def slopes(self) -> ca.Function:
-        """(y, u) ↦ the entries of [F, B]."""
-        return ca.Function("slopes", [self._y, self._u], [self._different])
+        """(y, u) ↦ the entries of [F, B], for many lanes at once."""
+        return ca.Function("slopes", [self._y, self._u], [self._product.numbers])
+
+    @cached_property
+    def factors(self) -> ca.Function:
+        """(y, u) ↦ what [F, B] is made of: fewer operations, where they are done one by one."""
+        return ca.Function("factors", [self._y, self._u], [self._factors.numbers])
 
     @cached_property
     def taped(self) -> ca.Function:
-        """`step` with the `slopes` of its four points: what they have in common is worked out once."""
+        """`step` with the `factors` at its four points: what they have in common is worked out once."""
         y, h, u = self._step_symbols()
         following, points = _stages(self.rate, y, h, u)
-        slopes = [self.slopes(Y, u[:, place]) for Y, (_, place, _) in zip(points, TABLEAU, strict=True)]
+        slopes = [self.factors(Y, u[:, place]) for Y, (_, place, _) in zip(points, TABLEAU, strict=True)]
         outputs = [ca.densify(following), ca.horzcat(*slopes)]
         return ca.Function("taped", [y, h, u], ca.cse(outputs))
 
     @cached_property
     def pulled_row(self) -> ca.Function:
         """(one row c as a column, slopes, h) ↦ (c before the step, its derivatives by the three controls, m × 3)."""
-        row, tape, h = ca.SX.sym("c", self.size), ca.SX.sym("tape", self.entries, 4), ca.SX.sym("h")
-        before, gradients = _pulled(row.T, self._split(tape), h)
+        row, h = ca.SX.sym("c", self.size), ca.SX.sym("h")
+        tape, stages = self._product.stages()
+        before, gradients = _pulled(row.T, stages, h)
         outputs = [ca.densify(before.T), ca.densify(ca.horzcat(*(g.T for g in gradients)))]
         return ca.Function("pulled_row", [row, tape, h], ca.cse(outputs))
 
     @cached_property
     def costates(self) -> ca.Sparsity:
         """Where the wanted rows, pulled back through any number of steps, can have entries."""
-        tape, h = ca.SX.sym("tape", self.entries, 4), ca.SX.sym("h")
+        h, (_, stages) = ca.SX.sym("h"), self._factors.stages()
         pattern = self._observed.sparsity()
         while True:
-            before, _ = _pulled(ca.SX.sym("c", pattern), self._split(tape), h)
+            before, _ = _pulled(ca.SX.sym("c", pattern), stages, h)
             wider = pattern + before.sparsity()
             if wider == pattern:
                 return pattern
@@ -130,23 +142,23 @@ class Scheme:
 
     @cached_property
     def pulled(self) -> ca.Function:
-        """(entries of `costates`, slopes, h) ↦ (the same before the step, derivatives by the controls, 3 m × rows)."""
-        tape, h = ca.SX.sym("tape", self.entries, 4), ca.SX.sym("h")
+        """(entries of `costates`, factors, h) ↦ (the same before the step, derivatives by the controls, 3 m × rows)."""
+        h, (tape, stages) = ca.SX.sym("h"), self._factors.stages()
         entries = ca.SX.sym("c", self.costates.nnz())
-        before, gradients = _pulled(ca.SX(self.costates, entries), self._split(tape), h)
+        before, gradients = _pulled(ca.SX(self.costates, entries), stages, h)
         outputs = [_entries(before, self.costates), ca.densify(ca.horzcat(*gradients).T)]
         return ca.Function("pulled", [entries, tape, h], ca.cse(outputs))
 
     @cached_property
     def blocks(self) -> ca.Function:
-        """(slopes, h) ↦ the derivatives of a step by its first state, n × n, and its controls, n × 3 m; transposed."""
-        tape, h = ca.SX.sym("tape", self.entries, 4), ca.SX.sym("h")
-        by_state, by_controls = _pulled(ca.SX.eye(self.size), self._split(tape), h)
+        """(factors, h) ↦ the derivatives of a step by its first state, n × n, and its controls, n × 3 m; transposed."""
+        h, (tape, stages) = ca.SX.sym("h"), self._factors.stages()
+        by_state, by_controls = _pulled(ca.SX.eye(self.size), stages, h)
         outputs = [ca.densify(by_state.T), ca.densify(ca.horzcat(*by_controls).T)]
         return ca.Function("blocks", [tape, h], ca.cse(outputs))
 
     def taped_path(self, sweep: Sweep) -> tuple[Array, Array]:
-        """The path (steps + 1, n) and the slopes of all steps (4 steps, entries)."""
+        """The path (steps + 1, n) and the factors at all points (4 steps, …)."""
         found, tape = call(accumulated(self.taped, len(sweep.h)), sweep.start, sweep.h, sweep.controls())
         return np.vstack([sweep.start, found]), tape
 
@@ -161,7 +173,7 @@ class Scheme:
             derivatives = np.empty((0, self.rows, sweep.coefficients.size))
             return Swept(path, derivatives, self.watched_along(path))
         path, tape = self.taped_path(sweep)
-        tape = tape.reshape(len(sweep.h), 4, self.entries)
+        tape = tape.reshape(len(sweep.h), 4, -1)
         gradients = np.zeros((len(sweep.stops), self.rows, self.inputs, len(sweep.table)))
         places = self.costates.get_triplet()
         for found, stop in zip(gradients, sweep.stops, strict=True):
@@ -182,11 +194,6 @@ class Scheme:
 
     def _step_symbols(self) -> tuple[ca.SX, ca.SX, ca.SX]:
         return self._y, ca.SX.sym("h"), ca.SX.sym("u", self.inputs, 3)
-
-    def _split(self, tape: ca.SX) -> list[tuple[ca.SX, ca.SX]]:
-        """F and B of every stage."""
-        stages = [ca.SX(self._pattern, self._sign * tape[self._entry, i]) for i in range(4)]
-        return [(stage[:, : self.size], stage[:, self.size :]) for stage in stages]
 
 
 @lru_cache(maxsize=64)
@@ -225,30 +232,69 @@ def _stages(rate: ca.Function, y: ca.SX, h: ca.SX, u: ca.SX) -> tuple[ca.SX, lis
     return y + h / 6 * total, points
 
 
-def _pulled(c: ca.SX, slopes: Sequence[tuple[ca.SX, ca.SX]], h: ca.SX) -> tuple[ca.SX, list[ca.SX]]:
+def _pulled(c: ca.SX, slopes: Sequence[Sequence[ca.SX]], h: ca.SX) -> tuple[ca.SX, list[ca.SX]]:
     """The rows c before the step, and their derivatives by the controls at start, middle and end."""
-    before, gradients, later = c, [ca.SX(0)] * 3, None
-    for (F, B), (offset, place, weight) in reversed(list(zip(slopes, TABLEAU, strict=True))):
+    n, before, gradients, later = c.size2(), c, [ca.SX(0)] * 3, None
+    for stage, (offset, place, weight) in reversed(list(zip(slopes, TABLEAU, strict=True))):
         share = (weight / 6 * h) * c
         kappa = share if later is None else share + later
-        through = kappa @ F
-        gradients[place] = gradients[place] + kappa @ B
-        before = before + through
-        later = (offset * h) * through
+        through = through_slopes(kappa, stage)
+        gradients[place] = gradients[place] + through[:, n:]
+        before = before + through[:, :n]
+        later = (offset * h) * through[:, :n]
     return before, gradients
 
 
-def _different(matrix: ca.SX) -> tuple[ca.SX, list[int], ca.DM]:
-    """The entries of a matrix that differ by more than their sign, and for every entry which it is and its sign."""
-    found: dict[int, tuple[int, Any]] = {}
-    entry: Any
-    places, signs = [], []
-    for entry in matrix.nonzeros():
-        negative = entry.is_op(ca.OP_NEG)
-        entry = entry.dep(0) if negative else entry
-        places.append(found.setdefault(entry.element_hash(), (len(found), entry))[0])
-        signs.append(-1.0 if negative else 1.0)
-    return ca.vertcat(*[entry for _, entry in found.values()]), places, ca.DM(signs)
+def through_slopes(rows: ca.SX, slopes: Sequence[ca.SX]) -> ca.SX:
+    """rows @ [F, B], which is given whole, or as D, A, C with [F, B] = D + A C."""
+    if len(slopes) == 1:
+        return rows @ slopes[0]
+    D, A, C = slopes
+    return rows @ D + (rows @ A) @ C
+
+
+def _multiplied(slopes: Sequence[ca.SX]) -> ca.SX:
+    """[F, B] as one matrix."""
+    return through_slopes(ca.SX.eye(slopes[0].size1()), slopes)
+
+
+class _Packed:
+    """Sparse matrices as one column of numbers: without constants, and without what is there but for its sign."""
+
+    def __init__(self, matrices: Sequence[ca.SX]) -> None:
+        matrices = ca.cse([ca.sparsify(matrix) for matrix in matrices])
+        self._patterns = [matrix.sparsity() for matrix in matrices]
+        self._entries: list[tuple[int | None, float]] = []  # place and sign, or no place and the constant
+        found: dict[int, tuple[int, Any]] = {}
+        entry: Any
+        for entry in (entry for matrix in matrices for entry in matrix.nonzeros()):
+            if entry.is_constant():
+                self._entries.append((None, float(entry)))
+                continue
+            negative = entry.is_op(ca.OP_NEG)
+            entry = entry.dep(0) if negative else entry
+            place, _ = found.setdefault(entry.element_hash(), (len(found), entry))
+            self._entries.append((place, -1.0 if negative else 1.0))
+        self.numbers = ca.vertcat(ca.SX(0, 1), *[entry for _, entry in found.values()])
+
+    def stages(self) -> tuple[ca.SX, list[list[ca.SX]]]:
+        """Symbols for the numbers of a step's four stages, a column each, and the matrices of each."""
+        tape = ca.SX.sym("tape", self.numbers.numel(), len(TABLEAU))
+        return tape, [self.unpacked(tape[:, stage]) for stage in range(len(TABLEAU))]
+
+    def unpacked(self, numbers: ca.SX) -> list[ca.SX]:
+        """The matrices of a column."""
+        every = iter(self._entries)
+        return [
+            ca.SX(
+                pattern,
+                ca.vertcat(ca.SX(0, 1), *[self._entry(numbers, *next(every)) for _ in range(pattern.nnz())]),
+            )
+            for pattern in self._patterns
+        ]
+
+    def _entry(self, numbers: ca.SX, place: int | None, factor: float) -> ca.SX:
+        return ca.SX(factor) if place is None else factor * numbers[place]
 
 
 def _entries(matrix: ca.SX, pattern: ca.Sparsity) -> ca.SX:

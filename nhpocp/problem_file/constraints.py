@@ -14,7 +14,7 @@ from pydantic import (
 )
 
 from nhpocp.problem_file.issues import Issue, Refusal, suggestion
-from nhpocp.problem_file.numbers import Checked, NotNegative, describe, parse_number
+from nhpocp.problem_file.numbers import NUMBER_SCHEMA, Checked, NotNegative, describe, parse_number
 from nhpocp.problem_file.states import Strict
 from nhpocp.state_space import Block
 from nhpocp.systems.system import System
@@ -26,7 +26,7 @@ def _side(value: Any) -> float | None:
 
 Side = Annotated[
     float | None,
-    Checked(_side, {"anyOf": [{"type": "number"}, {"type": "string"}, {"type": "null"}]}),
+    Checked(_side, {**NUMBER_SCHEMA, "type": ["number", "string", "null"]}),
 ]
 
 

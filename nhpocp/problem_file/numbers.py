@@ -90,6 +90,10 @@ def _hint(text: str) -> str:
         return f"; write {squeezed!r}"
     if re.fullmatch(rf"[-+]?{_DECIMAL}([eE][-+]?[0-9]+)?", squeezed):
         return f"; write {squeezed}" if squeezed != text else "; remove the quotes"
+    if found := re.fullmatch(rf"([-+]?{_DECIMAL}(?:[eE][-+]?[0-9]+)?)([a-zA-Zµ/]+)", squeezed):
+        if found[2] in ("rad", "radian", "radians"):
+            return f"; radians are plain numbers: write {found[1]}"
+        return f"; {found[2]!r} is no unit here, only deg is: write {found[1]}, in the unit of your other numbers"
     return "; numbers are written 0.5, 1e-3, -pi/6, 2*pi/3 or 75 deg" if re.search("pi|[0-9]", text) else ""
 
 
@@ -146,18 +150,18 @@ def _checked_whole(least: int, most: int | None) -> Checked:
     return Checked(_whole(least, most), _integer_schema(least, most))
 
 
-_TEXT = {
-    "type": "string",
-    "pattern": _PATTERN,
-    "description": "a multiple of pi such as -pi/6, or degrees such as 75 deg",
+NUMBER_SCHEMA: dict[str, Any] = {
+    "type": ["number", "string"],
+    "pattern": _PATTERN,  # of texts; limits are of numbers
+    "patternErrorMessage": "expected a number such as 0.5, 1e-3, -pi/6, 2*pi/3 or 75 deg",  # editors show it
 }
 
-Number = Annotated[float, Checked(parse_number, {"anyOf": [{"type": "number"}, _TEXT]})]
-Positive = Annotated[float, Checked(_positive, {"anyOf": [{"type": "number", "exclusiveMinimum": 0}, _TEXT]})]
-NotNegative = Annotated[float, Checked(_not_negative, {"anyOf": [{"type": "number", "minimum": 0}, _TEXT]})]
+Number = Annotated[float, Checked(parse_number, NUMBER_SCHEMA)]
+Positive = Annotated[float, Checked(_positive, {**NUMBER_SCHEMA, "exclusiveMinimum": 0})]
+NotNegative = Annotated[float, Checked(_not_negative, {**NUMBER_SCHEMA, "minimum": 0})]
 Share = Annotated[
     float,
-    Checked(_share, {"anyOf": [{"type": "number", "exclusiveMinimum": 0, "exclusiveMaximum": 1}, _TEXT]}),
+    Checked(_share, {**NUMBER_SCHEMA, "exclusiveMinimum": 0, "exclusiveMaximum": 1}),
 ]
 Whole = Annotated[int, _checked_whole(0, None)]
 Count = Annotated[int, _checked_whole(1, LARGEST_COUNT)]

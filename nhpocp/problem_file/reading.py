@@ -11,6 +11,7 @@ from pydantic import ValidationError
 
 from nhpocp.errors import InvalidProblemError
 from nhpocp.problem_file import document as documents
+from nhpocp.problem_file.angles import probable_degrees
 from nhpocp.problem_file.document import Document
 from nhpocp.problem_file.ends import broken_ends
 from nhpocp.problem_file.issues import Issue, Path, Refusal, dotted
@@ -143,7 +144,7 @@ def _read(text: str, file: str | None, path: FilePath | None, overrides: Sequenc
     if data.name is None:
         data = data.model_copy(update={"name": _stem(path)})
     shown = document.text if overrides else text
-    return ProblemFile(data, shown, path, system, list(_doubts(data, system)), place)
+    return ProblemFile(data, shown, path, system, list(_doubts(data, system, document.data)), place)
 
 
 def _stem(path: FilePath | None) -> str:
@@ -170,11 +171,12 @@ def _validate(raw: dict[str, Any], place: Place) -> tuple[ProblemData, System]:
     return data.model_copy(update={"system": block}), system
 
 
-def _doubts(data: ProblemData, system: System) -> Iterator[Issue]:
+def _doubts(data: ProblemData, system: System, raw: dict[str, Any]) -> Iterator[Issue]:
     start, goal = plain_state(data.start), plain_state(data.goal)
     if system.driftless and all(name in start and _close(goal[name], start[name]) for name in goal):
         yield Issue(("goal",), "the same as start; the shortest plan is to stand still", at_key=True)
     yield from broken_ends(data, system)
+    yield from probable_degrees(raw, system)
     if data.objective == "time" and not isinstance(data.horizon, FreeHorizon):
         fixed = "time is fixed by horizon; write horizon: {min: …, max: …} to free it"
         yield Issue(("objective",), fixed, at_key=True)

@@ -105,7 +105,8 @@ def system_class(model: str) -> type[System]:
     if model not in found:
         near = suggestion(model, [*SYSTEMS, *found])
         own = f"a system of your own is found by an entry point of the group {plugins.GROUP}"
-        raise InvalidProblemError(f"unknown model {model!r}; {near}; {own}", path="system.model")
+        hint = near if near.startswith("did you mean") else f"{near}; {own}"
+        raise InvalidProblemError(f"unknown model {model!r}; {hint}", path="system.model")
     return plugins.load(found[model])
 
 

@@ -1,115 +1,206 @@
-"""A commented problem file to begin with, for `nhpocp init`."""
+"""A commented problem file to begin with, for `nhpocp init`: every key, with what it means and its default.
+
+Keys, meanings and defaults come from the models that read the file, and parameters from the system's class, so none of
+it can go stale. The task comes from the class too, `System.example`: `problems/` is no part of the installed package,
+and a system from elsewhere has no file there, but brings its class.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping, Sequence
 from math import degrees
+from typing import Any, get_args
 
+from pydantic.fields import FieldInfo
+
+from nhpocp.problem_file.control import BASES
 from nhpocp.problem_file.registry import system_class
+from nhpocp.problem_file.schema import Output, ProblemData
+from nhpocp.problem_file.settings import JacobianSettings, NlpSettings, Solvers
+from nhpocp.problem_file.states import Strict
 from nhpocp.state_space import Block, StateSpace
 from nhpocp.systems.system import Parameter, System
 
-# start, goal and rows of control.initial that are known to work; other systems begin at zero
-_TASKS: dict[str, tuple[str, str, tuple[str, ...]]] = {
-    "three_upu": (
-        "{position: [0, 0, 25], orientation: {rpy: [0, 0, -30 deg]}}",
-        "{position: [-0.4, -0.2, 35], orientation: {rpy: [0, 0, -90 deg]}}",
-        ("[0, 0.5, 0, 0, 0]", "[0, 0.5, 0, 0, 0]", "[1, 0, 0.5, 0, 0]"),
-    ),
-    "parallel_robot": (
-        "{position: [0, 0, 25], orientation: {rpy: [0, 0, -30 deg]}}",
-        "{position: [-0.4, -0.2, 30], orientation: {rpy: [0, 0, -60 deg]}}",
-        (),
-    ),
-    "orienting_platform": (
-        "{orientation: {rpy: [0, 0, 0]}}",
-        "{orientation: {rpy: [0, 0, 45 deg]}}",
-        ("[0, 0, -28, 0, 0]", "[0, 28, 0, 0, 0]"),
-    ),
-}
+COLUMN, WIDTH = 38, 118  # where the comments begin, and where they end
+EXAMPLES = {"name": "my_problem", "length_scale": 15}  # of keys whose default is no value
+UNITS = {"length": "[length]", "angle": "[rad]"}
+HEAD = """\
+# yaml-language-server: $schema={schema}
+# By the line above editors complete and check this file (in VS Code: the extension YAML). It names a file beside this
+# one; write it again after an update, or for a new system:  nhpocp schema -o {schema}
+#
+# Lines such as `# steps: 100` are keys at their defaults (name, via, constraints: examples); remove the # to set one.
+# Numbers may be written 0.5, 1e-3, -pi/6, 2*pi/3 or 75 deg; plain numbers for angles are radians."""
 
 
-def starter(model: str = "three_upu") -> str:
-    """A problem file for ``model`` with every common key, commented.
+def starter(model: str = "three_upu", schema: str = "nhpocp.schema.json") -> str:
+    """A problem file for ``model``; ``schema``: where editors find the JSON schema, from the file's folder.
 
     Errors: `InvalidProblemError` for an unknown model or a broken plugin.
     """
     cls = system_class(model)
     system = cls()
-    space = system.state_space
-    start, goal, rows = _TASKS.get(model, (_state(space, 0), _state(space, 1), ()))
-    constraints = _CONSTRAINTS if "leg_lengths" in (cls.known_outputs() or ()) else _CONSTRAINTS[:2]
-    return "\n".join([*_head(cls, model), *_task(start, goal, system, rows), *constraints, *_SOLVERS, ""])
-
-
-def _head(cls: type[System], model: str) -> list[str]:
+    task = {**_made_up(system.state_space), **cls.example}
     lines = [
-        "# yaml-language-server: $schema=nhpocp.schema.json",
-        "# (write that file with: nhpocp schema > nhpocp.schema.json)",
-        "# Numbers may be written 0.5, 1e-3, -pi/6, 2*pi/3 or 75 deg; plain numbers for angles are radians.",
-        "nhpocp: 1                # version of this format",
-        "system:",
-        f"  model: {model}",
+        *HEAD.format(schema=schema).splitlines(),
+        _line("nhpocp: 1", "version of this format"),
+        *_options(ProblemData, ["name"]),
+        *_system(cls, model),
+        *_ends(cls, system, task),
+        _line("horizon: 1", "the duration T, or {min: 0.5, max: 3, initial: 1} where the NLP may choose"),
+        *_control(system, task.get("control", {})),
+        *_options(ProblemData, ["objective", "error_length", "length_scale"]),
+        *_constraints(cls, system, task["start"]),
+        "solvers:",
+        *_solvers(),
+        "output:",
+        *_options(Output, list(Output.model_fields), "  "),
     ]
+    return "\n".join(lines) + "\n"
+
+
+def _made_up(space: StateSpace) -> dict[str, Any]:
+    """A task for a system that brings none: from zero to one."""
+    start, goal = ({block.name: _value(block, at) for block in space.blocks} for at in (0, 1))
+    return {"start": start, "goal": goal}
+
+
+def _value(block: Block, at: int) -> Any:
+    if block.kind == "rotation":
+        return {"rpy": [0, 0, "60 deg" if at else 0]}
+    return at if block.kind == "scalar" else [at] * block.components
+
+
+def _line(text: str, meaning: str = "") -> str:
+    """A line and its comment, beside it or, where that would be too wide, above it."""
+    beside = f"{text:<{COLUMN}} # {meaning}" if meaning else text
+    if len(beside) <= WIDTH:
+        return beside
+    indent = text[: len(text) - len(text.lstrip())]
+    name = text.lstrip("# ").partition(":")[0]
+    return f"{indent}# ({name}) {meaning}:\n{text}"
+
+
+def _option(name: str, value: Any, meaning: str, indent: str = "") -> str:
+    """A key at its default, commented out."""
+    return _line(f"{indent}# {name}: {_flow(value)}", meaning)
+
+
+def _flow(value: Any) -> str:
+    """Plain data in YAML's flow style."""
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{name}: {_flow(part)}" for name, part in value.items()) + "}"
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(_flow(part) for part in value)}]"
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f"{value:.12g}".replace("e-0", "e-") if isinstance(value, float) else str(value)
+
+
+def _options(model: type[Strict], names: Sequence[str], indent: str = "") -> Iterator[str]:
+    """The keys of a block, commented out."""
+    for name in names:
+        field = model.model_fields[name]
+        default = field.get_default(call_default_factory=True)
+        meaning = f"{field.description}{_choices(field)}"
+        yield _option(name, EXAMPLES[name] if default is None else default, meaning, indent)
+
+
+def _choices(field: FieldInfo) -> str:
+    return _other_names(
+        [name for name in get_args(field.annotation) if isinstance(name, str)], field.description or ""
+    )
+
+
+def _other_names(names: Sequence[str], meaning: str) -> str:
+    """The names that a value may have, if those are all, and not all in its meaning already."""
+    return "" if all(name in meaning for name in names) else f" ({' | '.join(names)})"
+
+
+def _system(cls: type[System], model: str) -> Iterator[str]:
+    yield _line("system:", (cls.__doc__ or "").strip().partition("\n")[0].rstrip(".:"))
+    yield f"  model: {model}"
     if cls.presets:
-        lines.append(f"  preset: {next(iter(cls.presets))}        # one of {', '.join(cls.presets)}")
+        names = " | ".join(cls.presets)
+        yield _line(f"  preset: {next(iter(cls.presets))}", f"{names}; parameters beside it override it")
     for name, parameter in cls.declared.items():
-        choices = f" ({' | '.join(parameter.choices)})" if parameter.choices else ""
-        lines.append(f"  # {f'{name}: {_value(parameter)}':<22} # {parameter.meaning}{choices}")
-    return lines
+        meaning = f"{parameter.meaning}{_other_names(parameter.choices, parameter.meaning)}"
+        yield _option(name, _default(parameter), meaning, "  ")
 
 
-def _value(parameter: Parameter) -> str:
+def _default(parameter: Parameter) -> Any:
     """A default as a user would write it: angles in degrees."""
     value = parameter.default
-    if isinstance(value, float):
-        return f"{degrees(value):.12g} deg" if parameter.meaning.endswith("[rad]") else f"{value:.12g}"
-    return "[…]" if value is None else str(value)
+    if isinstance(value, float) and parameter.meaning.endswith("[rad]"):
+        return f"{degrees(value):.12g} deg"
+    return "[…]" if value is None else value
 
 
-def _task(start: str, goal: str, system: System, rows: tuple[str, ...]) -> list[str]:
-    initial = [f"    - {row}" for row in rows]
+def _ends(cls: type[System], system: System, task: Mapping[str, Any]) -> Iterator[str]:
+    if "goal" not in cls.example:
+        yield f"# This start and goal are made up, for {cls.model} brings no example: put yours in their place."
+    yield _line(f"start: {_flow(task['start'])}", _units(system.state_space.blocks))
+    outputs = [block.name for block in system.pose_outputs]
+    more = f"; {' and '.join(outputs)} may be given instead" if outputs else ""
+    yield _line(f"goal: {_flow(task['goal'])}", f"what is left out is free{more}")
+    name = system.state_space.blocks[0].name
+    yield _option("via", [{"at": 0.5, name: task["start"][name]}], "poses to pass; at: share of the horizon")
+
+
+def _units(blocks: Sequence[Block]) -> str:
+    words = []
+    for block in blocks:
+        if block.kind == "rotation":
+            words.append(f"{block.name}: rpy [roll, pitch, yaw] [rad], quaternion, rotvec or matrix")
+        elif block.unit in UNITS:
+            words.append(f"{block.name} {UNITS[block.unit]}")
+    return ", ".join(words)
+
+
+def _control(system: System, given: Mapping[str, Any]) -> Iterator[str]:
+    harmonics = given.get("harmonics", BASES["fourier"].model_fields["harmonics"].default)
+    yield "control:"
+    yield _line("  basis: fourier", "columns of `initial`: const, sin1, cos1, sin2, cos2, …")
+    yield f"  harmonics: {harmonics}"
+    for basis, model in list(BASES.items())[1:]:
+        names = [name for name in model.model_fields if name not in ("basis", "initial")]
+        own = ", ".join(f"{name}: {model.model_fields[name].default}" for name in names)
+        yield f"  # or basis {basis} with {own}"
     inputs = ", ".join(system.input_space.labels)
-    return [
-        f"start: {start}",
-        f"goal: {goal}    # a block left out is free",
-        "horizon: 1               # the duration T, or {min: 0.5, max: 3, initial: 1} to let the NLP choose",
-        "control:",
-        "  basis: fourier         # columns: const, sin1, cos1, sin2, cos2, …",
-        "  harmonics: 2",
-        f"  # one row per input ({inputs}), or auto",
-        *(["  initial:", *initial] if rows else ["  initial: auto"]),
-    ]
+    meaning = f"the control to begin with: one row per input ({inputs}), or auto, a seeded one"
+    rows = given.get("initial")
+    yield _line("  initial:" if rows else "  initial: auto", meaning)
+    for row in rows or ():
+        yield f"    - {_flow(row)}"
 
 
-def _state(space: StateSpace, coordinate: float) -> str:
-    return "{" + ", ".join(f"{block.name}: {_block(block, coordinate)}" for block in space.blocks) + "}"
+def _constraints(cls: type[System], system: System, start: Mapping[str, Any]) -> Iterator[str]:
+    yield _line("constraints:", "what the whole path must respect; examples, no defaults")
+    yield _option("control", 10, "greatest |control|, or one [lo, hi] per input", "  ")
+    if "leg_lengths" in (cls.known_outputs() or ()):
+        yield _option("leg_length", [5, 100], "[shortest, longest] leg [length]", "  ")
+        yield _option("leg_speed", 200, "greatest |u_i| [length/time]", "  ")
+        yield _option("clearance", 0.01, "least σ_min of S and W: the distance from singularities", "  ")
+    for block in system.state_space.blocks:
+        if block.kind != "rotation":
+            value = start[block.name]
+            least = min(value) if isinstance(value, list) else value
+            if isinstance(least, int | float):
+                bound = {block.name: [least - 50, least + 100]}
+                yield _option("state", bound, "[lo, hi] of a part of the state, or of an output", "  ")
+            return
 
 
-def _block(block: Block, coordinate: float) -> str:
-    if block.kind == "scalar":
-        return f"{coordinate:g}"
-    if block.kind == "rotation":
-        return f"{{rpy: [0, 0, {coordinate:g}]}}"
-    return f"[{', '.join([f'{coordinate:g}'] * block.components)}]"
-
-
-_CONSTRAINTS = [
-    "# constraints:           # what the whole path must respect",
-    "#   control: 10          # greatest |control|, or one [lo, hi] per input",
-    "#   leg_length: [20, 60] # shortest and longest leg",
-    "#   leg_speed: 200       # greatest |u_i|",
-    "#   clearance: 0.05      # least singular value of S and W: the distance from singularities",
-    "#   state: {position: [[-10, -10, 15], [10, 10, 45]]}    # [lowest, highest] of a part of the state",
-]
-_SOLVERS = [
-    "objective: effort        # what the NLP minimises: effort | leg_effort | path_length | time",
-    "solvers:",
-    "  jacobian:",
-    "    step_rule: euler     # euler: the paper's | adaptive | ode | auto: adaptive, then whatever else may help",
-    "    gamma: 0.1           # share of the error that each step of euler removes",
-    "    tolerance: 1e-3",
-    "    steps: 100           # integration steps over the horizon",
-    "  nlp:",
-    "    intervals: 50        # shooting intervals",
-    "output: {samples: 201, pictures: true}",
-]
+def _solvers() -> Iterator[str]:
+    yield _line("  jacobian:", "nhpocp solve")
+    rule = JacobianSettings.model_fields["step_rule"]
+    choices = " | ".join(get_args(rule.annotation))
+    yield _line(
+        "    step_rule: auto", f"{choices}; default {rule.default}, the paper's (17); auto reaches more"
+    )
+    yield from _options(
+        JacobianSettings, [name for name in JacobianSettings.model_fields if name != "step_rule"], "    "
+    )
+    yield _line("  nlp:", "nhpocp solve --solver nlp")
+    yield from _options(NlpSettings, list(NlpSettings.model_fields), "    ")
+    yield from _options(Solvers, ["compile"], "  ")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -59,6 +60,7 @@ def end_of(problem: PlanningProblem, control: Control, integrator: Integrator) -
     return problem.system.state_space.nearest(end) if np.isfinite(end).all() else end
 
 
+@lru_cache(maxsize=16)
 def finer(integrator: Integrator) -> Integrator:
     """Runge and Kutta's with ``FINER`` times the steps, which takes controls with jumps too."""
     if isinstance(integrator, RungeKutta4):

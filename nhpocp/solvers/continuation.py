@@ -15,7 +15,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from nhpocp.arrays import Array
+from nhpocp.arrays import Array, norm
 from nhpocp.controls.control import Control
 from nhpocp.deferred import Deferred
 from nhpocp.flow.end_point_map import DifferentiatedEndPointMap, EndPointMapFactory
@@ -151,6 +151,7 @@ class _Run:
         self.records: list[Deferred] = []
         self.updates, self.limit = 0, solver.max_iterations * solver.step_rule.evaluations
         self.details: dict[str, Any] = {}
+        self.phase = f"to the goal ({solver.step_rule.kind})"
         self.here: Evaluation | None = None
         self.interruption = Interruption()
         self.build_seconds = perf_counter() - began
@@ -217,6 +218,7 @@ class _Run:
             resolved = not tried.failure and resolution.error(coefficients, tried.end.state) <= allowed
             return tried if resolved else None
 
+        self.phase = "into the bounds" if solver.objective == "none" else f"to the least {solver.objective}"
         self.limit += solver.max_iterations  # bounds each of the two phases
         search = Improvement(
             self.problem,
@@ -243,7 +245,7 @@ class _Run:
         if self.records and not self.records[-1]["accepted"]:
             self.records[-1] |= {"k": self.updates}  # it was a trial, and refused
         evaluation = self.evaluator(coefficients)
-        change = np.linalg.norm(coefficients - self.here.coefficients) if self.here else 0.0
+        change = norm((coefficients - self.here.coefficients).ravel()) if self.here else 0.0
         known = {
             "k": self.updates + (self.here is not None),
             "error": evaluation.error if np.isfinite(evaluation.error) else None,
@@ -253,8 +255,18 @@ class _Run:
         }
         self.records.append(Deferred(partial(self.evaluator.looked_at, evaluation), known))
         if self.progress:
-            self.progress(self.records[-1])
+            self.progress(self.records[-1] | self.prospect(evaluation.error))
         return evaluation
+
+    def prospect(self, error: float) -> dict[str, Any]:
+        """What a listener is told besides, see `Progress`."""
+        solver, reached = self.solver, self.here is not None and self.here.error < self.solver.tolerance
+        return {
+            "tolerance": solver.tolerance,
+            "phase": self.phase,
+            "at_most": self.limit - len(self.records) + 1,
+            "expected": None if reached else solver.step_rule.updates_left(error, solver.tolerance),
+        }
 
     def accept(self, here: Evaluation) -> None:
         """Makes an evaluated control the current one; the last record is its own."""
@@ -265,7 +277,7 @@ class _Run:
     def ended(self, here: Evaluation) -> tuple[Outcome, str] | None:
         """Whether the loop stops here, and with what sentence."""
         k, error = self.updates, here.error
-        first, rows = self.records[0]["error"], sum(task.size for task in self.problem.tasks)
+        first = self.records[0]["error"]
         if here.failure:
             return here.failure.outcome, f"Update {k}: {here.failure.sentence}"
         if error < self.solver.tolerance:
@@ -281,6 +293,7 @@ class _Run:
         if lost:
             return Outcome.DIVERGED, f"Update {k}: E = {error:.3g}, from {first:.3g} at the start"
         if direction is not None and deficient:
+            rows = sum(task.size for task in self.problem.tasks)
             values = " ".join(f"{x:.2g}" for x in direction.singular_values)
             sentence = f"the Jacobian has rank {direction.rank} of {rows} (singular values {values}), E = {error:.3g}"
             return Outcome.RANK_DEFICIENT, f"Update {k}: {sentence}"

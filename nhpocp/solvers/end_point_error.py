@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import cached_property
-
 import numpy as np
 
 from nhpocp.arrays import Array, norm
@@ -19,25 +17,25 @@ class EndPointError:
     """
 
     def __init__(self, problem: PlanningProblem, end: EndPoint) -> None:
-        self._tasks, self._end = problem.tasks, end
+        self._tasks = problem.tasks
         self._points = [end.path[stop] for stop in end.stops]
+        self._jacobians = end.jacobians
 
-    @cached_property
-    def _differences(self) -> list[Array]:
-        return [task.difference(point) for task, point in zip(self._tasks, self._points, strict=True)]
-
-    @property
-    def vector(self) -> Array:
-        pairs = zip(self._tasks, self._differences, strict=True)
-        return np.concatenate([task.scales * difference for task, difference in pairs])
+    def measured(self) -> tuple[float, Array]:
+        """E, [Paper] section 4, and e."""
+        weighted, scaled = [], []
+        for task, point in zip(self._tasks, self._points, strict=True):
+            difference = task.difference(point)
+            weighted.append(task.weights * difference)
+            scaled.append(task.scales * difference)
+        return float(norm(_stacked(weighted))), _stacked(scaled)
 
     @property
     def jacobian(self) -> Array:
-        parts = zip(self._tasks, self._points, self._end.jacobians, strict=True)
-        return np.concatenate([task.jacobian(point, rows) for task, point, rows in parts])
+        """J: the rows of every task."""
+        parts = zip(self._tasks, self._points, self._jacobians, strict=True)
+        return _stacked([task.jacobian(point, rows) for task, point, rows in parts])
 
-    @property
-    def norm(self) -> float:
-        """E(θ), [Paper] section 4."""
-        pairs = zip(self._tasks, self._differences, strict=True)
-        return float(norm(np.concatenate([task.weights * difference for task, difference in pairs])))
+
+def _stacked(parts: list[Array]) -> Array:
+    return parts[0] if len(parts) == 1 else np.concatenate(parts)

@@ -36,7 +36,7 @@ class Evaluation:
     coefficients: Array
     end: EndPoint
     error: float  # E; infinite where the end point is not finite or an orientation is at π
-    vector: Array | None = None  # e, dimensionless (`EndPointError.vector`)
+    vector: Array | None = None  # e, dimensionless (`EndPointError`)
     jacobian: Array | None = None  # its derivative by λ
     look: Callable[[Array, Array], Direction] | None = None  # e, J ↦ the direction
     failure: Trouble | None = None  # the end point is useless
@@ -49,7 +49,7 @@ class Evaluation:
             return None
         return self.look(self.jacobian, self.vector)
 
-    @property
+    @cached_property
     def merit(self) -> float:
         """|e| in the scale in which the direction was found; infinite where there is none."""
         return float(norm(self.vector)) if self.vector is not None else np.inf
@@ -70,14 +70,15 @@ class Evaluator:
 
     def __call__(self, coefficients: Array) -> Evaluation:
         end = self.map(coefficients)
-        determinants = self._determinants(end)
+        finite = bool(np.isfinite(end.path).all())
+        determinants = self._determinants(end, finite)
         crossing = self._crossing(determinants)
-        if not (np.isfinite(end.path).all() and np.isfinite(end.jacobian).all()):
+        if not (finite and np.isfinite(end.jacobian).all()):
             failure = crossing or self._vanishing(determinants) or self._overflow(end.path)
             return Evaluation(coefficients, end, np.inf, failure=failure)
         residual = EndPointError(self.problem, end)
         try:
-            error, vector = residual.norm, residual.vector
+            error, vector = residual.measured()
         except OrientationAtPiError as opposite:
             trouble = Trouble(Outcome.ORIENTATION_AT_PI, str(opposite))
             return Evaluation(coefficients, end, np.inf, failure=trouble)
@@ -111,15 +112,17 @@ class Evaluator:
             **(self.numeric.least_sigmas(finite, self.problem.scale) if len(finite) else {}),
         }
 
-    def _determinants(self, end: EndPoint) -> dict[str, Array]:
+    def _determinants(self, end: EndPoint, finite: bool) -> dict[str, Array]:
         """Of the matrices that the equations divide by; undefined counts as zero (a leg along its own w4 has no w3)."""
-        finite = np.isfinite(end.path).all(axis=1)
-        found = self.numeric.breaking(end.watched if finite.all() else end.watched[finite])
+        watched = end.watched if finite else end.watched[np.isfinite(end.path).all(axis=1)]
+        found = self.numeric.breaking(watched)
         return {name: np.where(np.isnan(values), 0.0, values) for name, values in found.items()}
 
     def _crossing(self, determinants: dict[str, Array]) -> Trouble | None:
         """The first change of sign of a determinant that the equations divide by."""
         for name, values in determinants.items():
+            if values.min() > 0 or values.max() < 0:
+                continue
             changes = np.flatnonzero(np.sign(values) * np.sign(values[0]) <= 0)
             if changes.size and changes[0] == 0:
                 return _trouble(name, "vanishes at the start")

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
@@ -121,31 +123,42 @@ class Spectrum:
 
         The trust-region subproblem of least squares, solved by Newton's method on 1/length [Moré, Sorensen 1983].
         """
-        damping, used = 0.0, self.values > 1e-14 * self.values[0]
-        values, error = self.values[used], self.error[used]
-        inner = values * error / values**2
+        damping, values, error = 0.0, self.values, self.error
+        used = len(values) if values[-1] > 1e-14 * values[0] else rank_of(values, 1e-14)
+        values, error = values[:used], error[:used]
+        squares = values**2
+        inner = values * error / squares
         for _ in range(30):
             squared = float(inner @ inner)
             excess = squared**0.5 / radius - 1.0
             if excess <= 1e-3:
                 break
-            damping += excess * squared / float(inner @ (inner / (values**2 + damping)))
-            inner = values * error / (values**2 + damping)
-        step = self.coordinates.coefficients(-self.right[used].T @ inner)
-        return step, -self.left[:, used] @ (values * inner)
+            damping += excess * squared / float(inner @ (inner / (squares + damping)))
+            inner = values * error / (squares + damping)
+        step = self.coordinates.coefficients(-self.right[:used].T @ inner)
+        return step, -self.left[:, :used] @ (values * inner)
 
 
 @dataclass(frozen=True)
 class Direction:
-    """The full step δλ and what was seen of the Jacobian on the way."""
+    """The full step δλ, worked out when it is asked for, and what was seen of the Jacobian on the way."""
 
-    step: Array
-    image: Array  # J δλ, what the step promises to add to e
+    solve: Callable[[], Array]
+    jacobian: Array
     rank: int
     singular_values: Array
     # whether the error cannot be reduced from here in every direction, and the inverse needs that
     blocked: bool = False
     spectrum: Spectrum | None = None
+
+    @cached_property
+    def step(self) -> Array:
+        return self.solve()
+
+    @property
+    def image(self) -> Array:
+        """J δλ, what the step promises to add to e."""
+        return self.jacobian @ self.step
 
     def length(self, change: Array) -> float:
         """Size of a change of λ in the metric that this direction was found in."""
@@ -189,10 +202,12 @@ class MoorePenrose(GeneralizedInverse):
     def __call__(self, jacobian: Array, error: Array, coordinates: Coordinates) -> Direction:
         left, values, right = scaled_svd(jacobian, coordinates)
         rank = rank_of(values, self.rank_tolerance)
-        inner = -right[:rank].T @ ((left[:, :rank].T @ error) / values[:rank])
-        step = coordinates.coefficients(inner)
         spectrum = Spectrum(left, values, right, coordinates, left.T @ error)
-        return Direction(step, jacobian @ step, rank, values, rank < len(error), spectrum)
+
+        def solve() -> Array:
+            return coordinates.coefficients(-right[:rank].T @ (spectrum.error[:rank] / values[:rank]))
+
+        return Direction(solve, jacobian, rank, values, rank < len(error), spectrum)
 
 
 @dataclass(frozen=True)
@@ -213,7 +228,7 @@ class Damped(GeneralizedInverse):
         damping = self.most * values[0] * max(0.0, 1.0 - least / threshold) if threshold > 0 else 1.0
         inner = -right.T @ (values / (values**2 + damping**2) * (left.T @ error))
         step = coordinates.coefficients(inner)
-        return Direction(step, jacobian @ step, rank_of(values, 1e-8), values)
+        return Direction(lambda: step, jacobian, rank_of(values, 1e-8), values)
 
 
 @dataclass(frozen=True)
@@ -228,7 +243,7 @@ class Transpose(GeneralizedInverse):
         image = jacobian @ gradient
         squared = float(image @ image)
         alpha = float(error @ image) / squared if squared > 0 else 0.0
-        return Direction(-alpha * gradient, -alpha * image, rank_of(values, 1e-8), values)
+        return Direction(lambda: -alpha * gradient, jacobian, rank_of(values, 1e-8), values)
 
 
 @dataclass(frozen=True)
@@ -273,4 +288,4 @@ def scaled_svd(jacobian: Array, coordinates: Coordinates) -> tuple[Array, Array,
 
 def rank_of(values: Array, tolerance: float) -> int:
     """Singular values above ``tolerance`` times the largest."""
-    return int(np.sum(values > tolerance * values[0])) if values.size and values[0] > 0 else 0
+    return int(np.count_nonzero(values > tolerance * values[0])) if values.size and values[0] > 0 else 0

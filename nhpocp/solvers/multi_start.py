@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
 from nhpocp.problem import PlanningProblem
-from nhpocp.solution import Outcome, Progress, Solution
+from nhpocp.solution import Outcome, Progress, Solution, telling
 from nhpocp.solvers.claims import confirmed
 from nhpocp.solvers.continuation import Continuation, Found, solution
 from nhpocp.solvers.interruption import Interruption
@@ -48,11 +48,15 @@ class MultiStart:
     def _found(
         self, problem: PlanningProblem, progress: Progress | None, interruption: Interruption
     ) -> Found:
-        found = [confirmed(self.continuation, problem, progress)]
+        first = telling(progress, way=f"start 1 of {self.starts}" if self.starts > 1 else None)
+        found = [confirmed(self.continuation, problem, first)]
         if found[0].outcome not in (Outcome.CONVERGED, Outcome.INTERRUPTED):
             with self._others(problem) as others:
                 for other in others:
                     found.append(other)
+                    if progress:  # they run elsewhere, and are heard of when they have ended
+                        way = f"start {len(found)} of {self.starts}: {other.outcome.value}"
+                        progress({"k": len(other.records), "error": other.error, "way": way})
                     if other.outcome is Outcome.CONVERGED or interruption.noted:
                         break
         best = found[-1] if found[-1].outcome is Outcome.CONVERGED else min(found, key=lambda one: one.rank)

@@ -10,14 +10,15 @@ from typing import Any, ClassVar
 import numpy as np
 
 from nhpocp.arrays import Array
-from nhpocp.constraints import Bound, check_bounds
+from nhpocp.constraints import check_bounds
 from nhpocp.controls.basis import ControlBasis
 from nhpocp.controls.control import Control
+from nhpocp.deferred import Deferred
 from nhpocp.errors import InvalidProblemError
 from nhpocp.flow.kernels import CompiledWhenReady, Interpreted, Kernels
 from nhpocp.flow.simulation import Motion, simulate
 from nhpocp.problem import PlanningProblem
-from nhpocp.solution import Outcome, Progress, Solution
+from nhpocp.solution import Outcome, Progress, Solution, telling
 from nhpocp.solvers.certificate import optimality
 from nhpocp.solvers.guesses import (
     GuessMaker,
@@ -28,7 +29,7 @@ from nhpocp.solvers.guesses import (
     starting_horizon,
 )
 from nhpocp.solvers.interruption import Interruption
-from nhpocp.solvers.optimizers import Ipopt, Optimizer, Optimum, failed
+from nhpocp.solvers.optimizers import Ipopt, Look, Optimizer, Optimum, failed
 from nhpocp.solvers.single_shooting import SingleShooting
 from nhpocp.solvers.transcription import Guess, Transcription
 from nhpocp.systems.numeric import numeric_system
@@ -93,7 +94,8 @@ class MultipleShooting:
         tried = []
         for start in range(self.starts):
             maker = self.guess if start == 0 else ProblemGuess()
-            solution = _Run(self, problem, progress, maker, self.seed + start if start else 0).solve()
+            told = telling(progress, way=f"start {start + 1} of {self.starts}" if self.starts > 1 else None)
+            solution = _Run(self, problem, told, maker, self.seed + start if start else 0).solve()
             tried.append(
                 {"start": start, "outcome": solution.outcome.value, "objective": _objective(solution)}
             )
@@ -106,7 +108,8 @@ class MultipleShooting:
         details = {**best.details, "starts": tried} if self.starts > 1 else dict(best.details)
         if self.mesh_check and best.outcome is Outcome.CONVERGED:
             began = perf_counter()
-            details["mesh_check"] = mesh_check(self, problem, best)
+            told = telling(progress, way=f"mesh check with {2 * self.intervals} intervals")
+            details["mesh_check"] = mesh_check(self, problem, best, told)
             details["mesh_check_s"] = perf_counter() - began
         return replace(best, details=details)
 
@@ -177,11 +180,13 @@ class _Run:
         if "guess_defect" not in self.details:
             self.details["guess_defect"] = float(np.max(_excess(programme, np.array(constraints).ravel())))
         self.build_seconds += perf_counter() - began
+        before = self.records[-1]["k"] + 1 if self.records else 0
         with Interruption() as interruption:
 
-            def watch(k: int, objective: float) -> bool:
+            def watch(k: int, objective: float, look: Look) -> bool:
                 if self.progress:
-                    self.progress({"k": len(self.records) + k, "error": None, "objective": objective})
+                    known = {"k": before + k, "objective": objective, **self._prospect(programme, k)}
+                    self.progress(Deferred(look, known))
                 return interruption.noted
 
             if multipliers is not None and len(multipliers) != len(programme.rows):
@@ -194,7 +199,6 @@ class _Run:
                 optimum = failed(programme, start, error)
             if interruption.noted:  # fatrop cannot be stopped, but what comes after it can
                 optimum = replace(optimum, outcome=Outcome.INTERRUPTED)
-        before = self.records[-1]["k"] + 1 if self.records else 0
         self.records += [{**record, "k": before + record["k"]} for record in optimum.iterations]
         self.logs.append(optimum.log)
         self.evaluations += optimum.evaluations
@@ -203,6 +207,13 @@ class _Run:
                 f"{optimum.cut_back} trial steps left the region where the equations are defined and were cut back"
             )
         return programme, optimum
+
+    def _prospect(self, programme: Transcription, k: int) -> dict[str, Any]:
+        """What a listener is told besides, see `Progress`."""
+        limit = self.solver.optimizer.settings().get("max_iterations")
+        phase = f"{self.solver.intervals} intervals × {programme.steps} RK4"
+        left = limit - k if limit else None
+        return {"tolerance": self.solver.tolerance, "phase": phase, "at_most": left, "expected": None}
 
     def _enough_steps(self, control: Control) -> int:
         """The least number of RK4 steps per interval that integrates the guess well enough."""
@@ -249,7 +260,7 @@ class _Run:
                 self.problem.bounds, motion.trajectory["t"], motion.trajectory, BETWEEN_NODES
             )
             broken = {report.bound.quantity: report.worst for report in reports if not report.ok}
-            tightened = [_tightened(bound, 1.5 * broken.get(bound.quantity, 0.0)) for bound in self.bounds]
+            tightened = [bound.tightened(1.5 * broken.get(bound.quantity, 0.0)) for bound in self.bounds]
             if not broken or not np.isfinite(list(broken.values())).all():
                 break
             if None in tightened:
@@ -377,20 +388,14 @@ def _excess(programme: Transcription, constraints: Array) -> Array:
     return np.where(np.isnan(excess), np.inf, np.maximum(excess, 0.0))
 
 
-def _tightened(bound: Bound, amount: float) -> Bound | None:
-    """The bound moved inwards on both sides; None where nothing would be left inside."""
-    if not amount:
-        return bound
-    lower, upper = np.asarray(bound.lower) + amount, np.asarray(bound.upper) - amount
-    return replace(bound, lower=lower, upper=upper) if (lower <= upper).all() else None
-
-
-def mesh_check(solver: MultipleShooting, problem: PlanningProblem, solution: Solution) -> Mapping[str, Any]:
+def mesh_check(
+    solver: MultipleShooting, problem: PlanningProblem, solution: Solution, progress: Progress | None = None
+) -> Mapping[str, Any]:
     """The change of the optimum from N to 2N intervals, and Richardson's estimate of its limit.
 
     A piecewise-constant control is off the continuous optimum by O(1/N²): the limit is near J(2N) + (J(2N) - J(N))/3.
     """
-    finer = replace(solver, intervals=2 * solver.intervals, mesh_check=False).solve(problem)
+    finer = replace(solver, intervals=2 * solver.intervals, mesh_check=False).solve(problem, progress)
     coarse, fine = _objective(solution), _objective(finer)
     found = {"intervals": 2 * solver.intervals, "objective_value": fine, "outcome": finer.outcome.value}
     if finer.outcome is Outcome.CONVERGED:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar, Protocol
 
@@ -76,7 +77,8 @@ class Optimum:
     cut_back: int  # trial steps refused because a function was not a number there
 
 
-Watch = Callable[[int, float], bool]  # (iteration, objective) ↦ whether to stop
+Look = Callable[[], Mapping[str, Any]]  # the rest of an iteration's record, worked out when it is asked for
+Watch = Callable[[int, float, Look], bool]  # (iteration, objective, the rest) ↦ whether to stop
 
 
 class Optimizer(Protocol):
@@ -162,9 +164,17 @@ class Ipopt:
             if callback:
                 plugin["iteration_callback"] = callback
             solver = ca.nlpsol("ipopt", "ipopt", nlp, plugin)
-            found = _call(solver, programme, start, multipliers)
+            if callback:
+                callback.history = lambda: solver.stats().get("iterations", {})
+            try:
+                found = _call(solver, programme, start, multipliers)
+            finally:
+                if callback:  # two that hold each other would never be freed
+                    callback.history = dict
             log = file.read_text(encoding="utf-8", errors="replace") if file.exists() else ""
         stats = solver.stats()
+        if callback:
+            callback.history = partial(dict, stats.get("iterations") or {})
         status = str(stats["return_status"])
         outcome = ENDINGS.get(status, Outcome.SOLVER_ERROR)
         # where IPOPT never started it has no history, and its count is garbage
@@ -232,6 +242,7 @@ class _Callback(ca.Callback):
         ca.Callback.__init__(self)
         self._sizes = {"x": size, "lam_x": size, "g": constraints, "lam_g": constraints, "f": 1, "lam_p": 0}
         self._watch, self._count = watch, 0
+        self.history: Look = dict  # IPOPT's own, as far as it has come
         self.construct("watch", {})
 
     def get_n_in(self) -> int:
@@ -247,9 +258,12 @@ class _Callback(ca.Callback):
         return ca.Sparsity.dense(self._sizes[ca.nlpsol_out(i)], 1)
 
     def eval(self, arguments: Sequence[ca.DM]) -> list[int]:
-        stop = self._watch(self._count, float(arguments[1]))
+        stop = self._watch(self._count, float(arguments[1]), partial(self._look, self._count))
         self._count += 1
         return [int(stop)]
+
+    def _look(self, k: int) -> Mapping[str, Any]:
+        return _iteration(self.history(), k)
 
 
 def _call(
@@ -270,18 +284,7 @@ def _optimum(
     log: str,
 ) -> Optimum:
     history = stats.get("iterations") or {}
-    records: list[dict[str, Any]] = []
-    for k in range(len(history.get("obj", []))):
-        records.append(
-            {
-                "k": k,
-                "error": float(history["inf_pr"][k]),
-                "dual_infeasibility": float(history["inf_du"][k]),
-                "objective": float(history["obj"][k]),
-                "barrier": float(history["mu"][k]),
-                "step": float(history["alpha_pr"][k]),
-            }
-        )
+    records = [_iteration(history, k) for k in range(len(history.get("obj", [])))]
     # evaluated again: an optimizer that gave up early hands back zeros
     objective, constraints = programme.functions["nlp"](found["x"], [])
     if not records:  # fatrop keeps no history
@@ -298,6 +301,18 @@ def _optimum(
         log=log,
         cut_back=log.count("evaluation error"),
     )
+
+
+def _iteration(history: Mapping[str, Sequence[float]], k: int) -> dict[str, Any]:
+    """A line of IPOPT's table; its error is the primal infeasibility."""
+    return {
+        "k": k,
+        "error": float(history["inf_pr"][k]),
+        "dual_infeasibility": float(history["inf_du"][k]),
+        "objective": float(history["obj"][k]),
+        "barrier": float(history["mu"][k]),
+        "step": float(history["alpha_pr"][k]),
+    }
 
 
 def failed(programme: Programme, start: Array, error: Exception) -> Optimum:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from math import inf, log, log1p
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
@@ -28,6 +29,10 @@ class StepRule(Protocol):
         """The rule's own settings under the problem file's names."""
         ...
 
+    def updates_left(self, error: float, tolerance: float) -> float | None:
+        """How many updates the theory foretells until the error is below the tolerance; None where it is silent."""
+        return None
+
 
 def full_step(here: Evaluation) -> Array:
     """δΛ with J δλ = -e, inputs × size; zero where there is no direction."""
@@ -50,6 +55,12 @@ class Euler(StepRule):
 
     def settings(self) -> dict[str, Any]:
         return {"gamma": self.gamma}
+
+    def updates_left(self, error: float, tolerance: float) -> float | None:
+        """To first order an update leaves the share 1 - γ of e, as (9) with dθ = 1; nothing is foretold near γ = 1."""
+        if not 0.0 < self.gamma < 0.9 or not tolerance < error < inf:
+            return None
+        return log(tolerance / error) / log1p(-self.gamma)
 
 
 @dataclass(frozen=True)

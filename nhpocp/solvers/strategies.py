@@ -16,7 +16,7 @@ from nhpocp.deferred import Deferred
 from nhpocp.errors import OrientationAtPiError
 from nhpocp.flow.integrators import RungeKutta4
 from nhpocp.problem import Horizon, PlanningProblem
-from nhpocp.solution import Outcome, Progress, Solution
+from nhpocp.solution import Outcome, Progress, Solution, telling
 from nhpocp.solvers.claims import begun_from, confirmed, end_of
 from nhpocp.solvers.continuation import Continuation, Found, solution
 from nhpocp.solvers.initial_control import drawn
@@ -71,6 +71,8 @@ class _Search:
         self.problem, self.space, self.progress = problem, problem.system.state_space, progress
         self.records: list[Deferred] = []
         self.tried: list[dict[str, Any]] = []
+        self.way = ""  # what is being tried, in words
+        self.solves = 0
 
     def found(self) -> Found:
         """The first try whose control a finer simulation confirms; otherwise the one that came nearest."""
@@ -125,6 +127,7 @@ class _Search:
         for start in range(1 + self.restarts):
             own = "the given start" if problem.initial is not None else "a seeded start"
             tried = problem if start == 0 else replace(problem, initial=None)
+            self.way = own if start == 0 else f"seeded start {start} of {self.restarts}"
             found = self._try(tried, start)
             starts.append(found)
             yield own if start == 0 else f"seeded start {start}", self._finished(found, self.base)
@@ -140,7 +143,8 @@ class _Search:
         """A confirmed solve, its records among the search's."""
         if len(self.records) > BUDGET:
             raise _Spent
-        found = confirmed(solver, problem, self.progress)
+        self.solves += 1
+        found = confirmed(solver, problem, telling(self.progress, way=f"try {self.solves}: {self.way}"))
         attempt = len(self.tried)
         self.records += [record | {"attempt": attempt} for record in found.records]
         return found
@@ -181,6 +185,7 @@ class _Search:
                 return None
             start = self.space.unpack(here)
             part = replace(self.problem, start=start, goal=goal, horizon=Horizon(1.0), via=())
+            self.way = f"manoeuvre {len(controls) + 1}, over {step:.3g} of what is left"
             control = self._piece(part, step**0.5)
             if control is None:
                 step *= 0.5
@@ -222,6 +227,7 @@ class _Search:
             integrator = replace(integrator, steps=steps)
         solver = replace(self.base, integrator=integrator)
         whole = replace(begun_from(self.problem, joined), bounds=())
+        self.way = f"{len(controls)} manoeuvres as one"
         return self._finished(self._solve(replace(solver, objective="none"), whole), solver)
 
     def _walk(self, nearest: Found) -> Found | None:
@@ -231,6 +237,7 @@ class _Search:
         coefficients, share, step = np.array(nearest.control.coefficients), 0.0, 0.5
         while np.isfinite(here).all() and share < 1.0 and step > 0.5**HALVINGS:
             towards = min(1.0, share + step)
+            self.way = f"walking the goal, at {towards:.3g} of the way"
             goal = problem.goal if towards == 1.0 else self._between(here, towards)
             if goal is None:
                 return None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, ClassVar
 
 from nhpocp import so3
@@ -20,6 +21,11 @@ class FreeNilpotent36(System):
     """
 
     model: ClassVar[str] = "free_nilpotent_36"
+    example: ClassVar[Mapping[str, Any]] = {
+        "start": {"x": [0, 0, 0], "z": [0, 0, 0]},
+        "goal": {"x": [0, 0, 0], "z": [0, 0, 1]},
+        "control": {"harmonics": 1, "initial": [[0, 0, 2], [0, 2, 0], [0, 0.5, 0.5]]},
+    }
     state_space = StateSpace([vector("x", 3), vector("z", 3)])
     input_space = StateSpace([vector("u", 3)])
 

@@ -26,6 +26,11 @@ class Heisenberg(System):
     declared: ClassVar[Mapping[str, Parameter]] = {
         "scale": Parameter("number", 1.0, "c in ż = c (x u2 - y u1); not 0"),
     }
+    example: ClassVar[Mapping[str, Any]] = {
+        "start": {"x": 0, "y": 0, "z": 0},
+        "goal": {"x": 0, "y": 0, "z": 1},
+        "control": {"harmonics": 1, "initial": [[0, 0, 1], [0, 1, 0]]},
+    }
     state_space = StateSpace([scalar("x"), scalar("y"), scalar("z")])
     input_space = StateSpace([scalar("u1"), scalar("u2")])
     scale: float

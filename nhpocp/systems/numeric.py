@@ -43,17 +43,18 @@ class NumericSystem:
 
     @cached_property
     def linearised_function(self) -> ca.Function:
-        """(x, u) ↦ [∂ẋ/∂x, ∂ẋ/∂u] of the packed point, size × (size + inputs)."""
+        """(x, u) ↦ D, A, C with [∂ẋ/∂x, ∂ẋ/∂u] = D + A C for the packed point, size × (size + inputs)."""
         x, u, space = self._state, self._control, self.system.state_space
         velocity = ca.SX.sym("velocity", space.dimension)
         lifted = space.lift(x, velocity)
-        by_point, by_velocity = ca.jacobian(lifted, x), ca.jacobian(lifted, velocity)
-        of_velocity = self.system.linearised(x, u)
-        by_point = (
-            ca.substitute(by_point, velocity, self.system.velocity(x, u)) + by_velocity @ of_velocity[0]
-        )
-        found = ca.cse([ca.densify(ca.horzcat(by_point, by_velocity @ of_velocity[1]))])
-        return ca.Function("linearised", [x, u], found)
+        by_point = ca.substitute(ca.jacobian(lifted, x), velocity, self.system.velocity(x, u))
+        left, right = self.system.linearised(x, u)
+        parts = [
+            ca.horzcat(by_point, ca.SX(space.size, u.numel())),
+            ca.jacobian(lifted, velocity) @ left,
+            right,
+        ]
+        return ca.Function("linearised", [x, u], ca.cse([ca.sparsify(ca.SX(part)) for part in parts]))
 
     @cached_property
     def _outputs(self) -> tuple[ca.Function, dict[str, tuple[int, int]]]:

@@ -40,6 +40,11 @@ class OrientingPlatform(ParallelRobot):
         ),
     }
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
+    example: ClassVar[Mapping[str, Any]] = {
+        "start": {"orientation": {"rpy": [0, 0, 0]}},
+        "goal": {"orientation": {"rpy": [0, 0, "45 deg"]}},
+        "control": {"initial": [[0, 0, -28, 0, 0], [0, 28, 0, 0, 0]]},
+    }
     state_space = StateSpace([rotation("orientation")])
     output_names: ClassVar[tuple[str, ...]] = ("u", "leg_lengths", "platform_normal")
     base_radius: float

@@ -117,6 +117,10 @@ class ParallelRobot(System):
         },
     }
 
+    example: ClassVar[Mapping[str, Any]] = {
+        "start": {"position": [0, 0, 25], "orientation": {"rpy": [0, 0, "-30 deg"]}},
+        "goal": {"position": [-0.4, -0.2, 30], "orientation": {"rpy": [0, 0, "-60 deg"]}},
+    }
     state_space = StateSpace([vector("position", 3, "length"), rotation("orientation")])
     output_names: ClassVar[tuple[str, ...]] = ("leg_lengths", "platform_normal")
     legs: tuple[Leg, ...]
@@ -197,11 +201,11 @@ class ParallelRobot(System):
 
     def linearised(self, state: Array, control: Array) -> tuple[Array, Array]:
         """W (ṗ, ω) = (u, 0) differentiated with (ṗ, ω) held."""
-        xp, size, dimension = symbolic(), self.state_space.size, self.state_space.dimension
+        xp, dimension = symbolic(), self.state_space.dimension
         held, matrix = xp.symbol(dimension), self.matrix(state)
         change = xp.substitute(xp.jacobian(matrix @ held, state), held, self.velocity(state, control))
-        solved = xp.solve(matrix, xp.block([[-change, xp.eye(dimension)[:, : self.motors]]]))
-        return solved[:, :size], solved[:, size:]
+        driven = xp.block([[-change, xp.eye(dimension)[:, : self.motors]]])
+        return xp.eye(dimension), xp.solve(matrix, driven)
 
     def vector_fields(self, state: Array) -> Array:
         xp, inputs = namespace(state), self.input_space.size

@@ -27,6 +27,11 @@ class RollingSphere(System):
         ),
         "radius": Parameter("positive", 1.0, "ρ [length]"),
     }
+    example: ClassVar[Mapping[str, Any]] = {  # on the spot, turned
+        "start": {"position": [0, 0], "orientation": {"rpy": [0, 0, 0]}},
+        "goal": {"position": [0, 0], "orientation": {"rpy": [0, 0, "90 deg"]}},
+        "control": {"harmonics": 2, "initial": [[0, 4, 0, 0, 0], [0, 0, 4, 0, 0]]},
+    }
     state_space = StateSpace([vector("position", 2, "length"), rotation("orientation")])
     contact: str
     radius: float

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, ClassVar
 
 from nhpocp.arrays import Array, dot, namespace
@@ -20,6 +21,11 @@ class SuslovJoint(System):
     """
 
     model: ClassVar[str] = "suslov_joint"
+    example: ClassVar[Mapping[str, Any]] = {  # about the direction about which it cannot turn
+        "start": {"orientation": {"rpy": [0, 0, 0]}},
+        "goal": {"orientation": {"rpy": [0, 0, "90 deg"]}},
+        "control": {"initial": [[0, 0, 4, 0, 0], [0, 4, 0, 0, 0]]},
+    }
     state_space = StateSpace([rotation("orientation")])
     input_space = StateSpace([scalar("u1", "angle"), scalar("u2", "angle")])
 

@@ -65,6 +65,10 @@ class System(Protocol):
         tuple[Block, ...]
     ] = ()  # those of `outputs` that depend on x alone: they may be goals
 
+    # a task with the default parameters, for `nhpocp init`: `start`, `goal` and, where the control to begin with
+    # matters, `control`, as a problem file writes them
+    example: ClassVar[Mapping[str, Any]] = {}
+
     state_space: StateSpace
     input_space: StateSpace
 
@@ -132,12 +136,14 @@ class System(Protocol):
         return self.state_space.lift(state, self.velocity(state, control))
 
     def linearised(self, state: Array, control: Array) -> tuple[Array, Array]:
-        """∂velocity/∂x over the packed point (dimension × size) and ∂velocity/∂u, for SX symbols.
+        """L (dimension × k) and C (k × (size + inputs)) with [∂velocity/∂x, ∂velocity/∂u] = L C, for SX symbols.
 
-        Override it where the equations' structure makes the derivative cheaper than differentiating `velocity`.
+        x is the packed point. Override it where the equations' structure makes the derivative cheaper than
+        differentiating `velocity`; rows pass through two factors in fewer operations than the product takes to make.
         """
         xp, velocity = symbolic(), self.velocity(state, control)
-        return xp.jacobian(velocity, state), xp.jacobian(velocity, control)
+        whole = xp.block([[xp.jacobian(velocity, state), xp.jacobian(velocity, control)]])
+        return xp.eye(self.state_space.dimension), whole
 
     def outputs(self, state: Array, control: Array) -> dict[str, Array]:
         """Named quantities worth plotting or bounding, besides states and inputs."""

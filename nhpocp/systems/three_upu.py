@@ -72,6 +72,11 @@ class ThreeUPU(ParallelRobot):
         "vertical_equal": {"base_radius": 10.0, "platform_radius": 10.0, "roller_tilt": pi / 2},
     }
 
+    example: ClassVar[Mapping[str, Any]] = {  # the paper's
+        "start": {"position": [0, 0, 25], "orientation": {"rpy": [0, 0, "-pi/6"]}},
+        "goal": {"position": [-0.4, -0.2, 35], "orientation": {"rpy": [0, 0, "-90 deg"]}},
+        "control": {"initial": [[0, 0.5, 0, 0, 0], [0, 0.5, 0, 0, 0], [1, 0, 0.5, 0, 0]]},
+    }
     output_names: ClassVar[tuple[str, ...]] = ("u", "v", "leg_lengths", "joint_angles", "platform_normal")
 
     def __init__(
@@ -139,11 +144,10 @@ class ThreeUPU(ParallelRobot):
         s, j = [row.of_p for row in rows], xp.rows([row.of_omega for row in rows])
         residual = j @ control - xp.vector([dot(row, held) for row in s])
         change = xp.substitute(xp.jacobian(residual, state), held, solve_3x3(s, j @ control))
-        inverse = solve_3x3(s, xp.eye(3))
-        of_the_turn = 0.0 * change, -xp.eye(3)  # ω = -v whatever the pose
+        nothing, turn = 0.0 * xp.eye(3), xp.eye(3)  # ω = -v whatever the pose
         return (
-            xp.block([[inverse @ change], [of_the_turn[0]]]),
-            xp.block([[inverse @ j], [of_the_turn[1]]]),
+            xp.block([[solve_3x3(s, xp.eye(3)), nothing], [nothing, turn]]),
+            xp.block([[change, j], [0.0 * change, -turn]]),
         )
 
     def feedback(self, state: Array, v: Array) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, ClassVar
 
 from nhpocp.arrays import Array, namespace
@@ -20,6 +21,11 @@ class Unicycle(System):
     """
 
     model: ClassVar[str] = "unicycle"
+    example: ClassVar[Mapping[str, Any]] = {  # sideways
+        "start": {"x": 0, "y": 0, "theta": 0},
+        "goal": {"x": 0, "y": 1, "theta": 0},
+        "control": {"harmonics": 1, "initial": [[0.5, 0, -2], [0, 3, 0]]},
+    }
     state_space = StateSpace([scalar("x", "length"), scalar("y", "length"), scalar("theta", "angle")])
     input_space = StateSpace([scalar("v", "length"), scalar("w", "angle")])
 

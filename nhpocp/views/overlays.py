@@ -26,23 +26,28 @@ Curve = Callable[[Solution], tuple[Array, Array]]  # times and one value each
 
 @dataclass(frozen=True)
 class Overlay:
-    """A picture with its words; the caption is markup."""
+    """A picture with its words; the caption is markup. ``abscissa``: t or k where curves run over one."""
 
     name: str
     title: str
     caption: Markup
     figure: Figure
+    abscissa: str = ""
 
 
 @dataclass(frozen=True)
 class Panel:
-    """One quantity over time: its axis label and where a solution has it; ``bound``: what limits it."""
+    """One quantity over time: its axis label and where a solution has it; ``bound``: what limits it.
+
+    ``unit``: of what has no room for it on the axis.
+    """
 
     words: str
     curve: Curve
     bound: str = ""
     zero: bool = False
     logarithmic: bool = False
+    unit: str = ""
 
 
 def overlays(entries: Sequence[Entry], names: Sequence[str]) -> list[Overlay]:
@@ -89,16 +94,17 @@ def _over_time(drawn: Drawn, panels: Sequence[Panel], columns: int = 3) -> Figur
     figure, axes = _grid(len(panels), columns)
     last = max(path_of(solution).horizon for solution, _, _ in drawn)
     for axis, panel in zip(axes, panels, strict=True):
-        for solution, _, number in drawn:
+        for solution, name, number in drawn:
             times, values = panel.curve(solution)
             if len(values):
-                axis.plot(times, values, **_style(number))
+                axis.plot(times, values, label=name, **_style(number))
         if panel.zero:
             axis.axhline(0, color=GREY, linewidth=0.6, zorder=1)
         _limits(axis, panel)
         if panel.bound:
             plots.draw_bounds(axis, drawn[0][0], panel.bound)
         axis.set(xlim=(0, last), xlabel="time $t$ [–]", ylabel=panel.words)
+        axis.set_label(panel.words + panel.unit)  # not drawn: for `readout`
     _legend(figure, drawn)
     return figure
 
@@ -147,7 +153,7 @@ def _controls(drawn: Drawn) -> Overlay:
     words = Markup(
         "The control of every run over time; jumps of piecewise constant controls are drawn as jumps."
     )
-    return Overlay("controls", "Controls", words, _over_time(drawn, panels))
+    return Overlay("controls", "Controls", words, _over_time(drawn, panels), "t")
 
 
 def _legs(drawn: Drawn) -> Overlay | None:
@@ -156,15 +162,17 @@ def _legs(drawn: Drawn) -> Overlay | None:
     if "leg_lengths" not in trajectory:
         return None
     panels = []
-    for name, words, unit in (("leg_lengths", "leg length", ""), ("u", "leg speed", "")):
+    for name, words, rate in (("leg_lengths", "leg length", False), ("u", "leg speed", True)):
         if name in trajectory:
             count = np.asarray(trajectory[name]).reshape(len(trajectory["t"]), -1).shape[1]
+            unit = with_unit("", "length", rate)
             panels += [
-                Panel(f"{words} {symbol(name, i)}{unit}", _component(name, i), name) for i in range(count)
+                Panel(f"{words} {symbol(name, i)}", _component(name, i), name, unit=unit)
+                for i in range(count)
             ]
     columns = np.asarray(trajectory["leg_lengths"]).shape[-1]
     caption = Markup("Leg lengths [length] and leg speeds [length per unit time] of every run over time.")
-    return Overlay("legs", "Legs", caption, _over_time(drawn, panels, min(columns, 4)))
+    return Overlay("legs", "Legs", caption, _over_time(drawn, panels, min(columns, 4)), "t")
 
 
 def _relative(drawn: Drawn) -> Overlay:
@@ -185,7 +193,7 @@ def _relative(drawn: Drawn) -> Overlay:
             " Rotations by the rotation vector <i>r</i> of <i>R</i>&#8239;<i>R</i><sub>d</sub><sup>T</sup>, "
             "undefined at a half turn."
         )
-    return Overlay("relative_pose", "Relative pose", caption, _over_time(drawn, panels))
+    return Overlay("relative_pose", "Relative pose", caption, _over_time(drawn, panels), "t")
 
 
 def _relative_curve(block: Any, index: int) -> Curve:
@@ -219,7 +227,7 @@ def _margins(drawn: Drawn) -> Overlay | None:
         "Least singular values along the path, rotation columns divided by the length scale: zero is a singularity. "
         "Red lines mark changes of sign of the determinant."
     )
-    return Overlay("margins", "Singularity margins", caption, figure)
+    return Overlay("margins", "Singularity margins", caption, figure, "t")
 
 
 def _path(drawn: Drawn) -> Overlay | None:
@@ -305,13 +313,14 @@ def _convergence(drawn: Drawn) -> Overlay | None:
     figure, axes = _grid(len(methods), 2, 2.1)
     for axis, method in zip(axes, methods, strict=True):
         mine = [item for item in recorded if item[0].solver == method]
-        for solution, _, number in mine:
+        for solution, name, number in mine:
             ks, errors = plots.error_history(solution)
             mark = {"marker": "o", "markersize": 1.8} if len(ks) < 40 else {}
-            axis.plot(ks, errors, **{**_style(number), **mark})
+            axis.plot(ks, errors, label=name, **{**_style(number), **mark})
             if method == "nlp":
                 duals = [record.get("dual_infeasibility") or np.nan for record in solution.iterations]
-                axis.plot(ks, duals, **{**_style(number), "linewidth": 0.7, "alpha": 0.55})
+                thin = {**_style(number), "linewidth": 0.7, "alpha": 0.55}
+                axis.plot(ks, duals, label=f"{name}, stationarity", **thin)
         _references(axis, mine)
         axis.set_yscale("log")
         axis.set_xlabel("iteration $k$")
@@ -325,7 +334,7 @@ def _convergence(drawn: Drawn) -> Overlay | None:
         "theory. NLP: the greatest violation of the constraints (thick) and the optimizer's stationarity residual "
         "(thin)."
     )
-    return Overlay("convergence", "Convergence", caption, figure)
+    return Overlay("convergence", "Convergence", caption, figure, "k")
 
 
 def _references(axis: Any, mine: Drawn) -> None:

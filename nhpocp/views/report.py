@@ -12,7 +12,8 @@ from markupsafe import Markup
 
 from nhpocp.comparison import Comparison, Entry, Group
 from nhpocp.views import report_words as words
-from nhpocp.views.overlays import overlays
+from nhpocp.views.overlays import Overlay, overlays
+from nhpocp.views.readout import readout
 from nhpocp.views.svg import inline_svg
 
 TEMPLATE = "report.html.jinja"
@@ -42,6 +43,7 @@ def render(comparison: Comparison, animations: Mapping[str, str] | None = None) 
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    environment.policies["json.dumps_kwargs"] = {"separators": (",", ":")}
     rows = {id(entry): row for entry, row in zip(comparison.entries, comparison.rows(), strict=True)}
     groups = comparison.groups
     sections = [
@@ -83,15 +85,7 @@ def _section(group: Group, rows: Sequence[Row], place: int) -> dict[str, Any]:
             if _warnings(entry)
         ],
         "figures": [
-            {
-                "title": overlay.title,
-                "caption": overlay.caption,
-                "svg": inline_svg(
-                    overlay.figure,
-                    f"p{place + 1}-{overlay.name}",
-                    f"{overlay.title} of {', '.join(names)}. {overlay.caption.striptags()}",
-                ),
-            }
+            _figure(overlay, f"p{place + 1}-{overlay.name}", names)
             for overlay in overlays(group.entries, names)
         ],
         "limits": words.limits(group),
@@ -100,6 +94,19 @@ def _section(group: Group, rows: Sequence[Row], place: int) -> dict[str, Any]:
         ),
         "settings": _chunked(names, group.entries, lambda entry: _texts(entry.solution.settings)),
         "source": group.problem.source,
+    }
+
+
+def _figure(overlay: Overlay, prefix: str, names: Sequence[str]) -> dict[str, Any]:
+    """A picture of the page, and its numbers for the page's script where curves run over time or iterations."""
+    description = f"{overlay.title} of {', '.join(names)}. {overlay.caption.striptags()}"
+    return {
+        "title": overlay.title,
+        "caption": overlay.caption,
+        "svg": inline_svg(overlay.figure, prefix, description),
+        "readout": readout(overlay.figure, overlay.abscissa)
+        if overlay.abscissa
+        else None,  # once it is laid out
     }
 
 

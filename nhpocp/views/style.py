@@ -99,6 +99,7 @@ def trial_style(count: int) -> dict[str, Any]:
 
 _NOTATION = {"position": "p", "orientation": "R", "leg_lengths": "l", "joint_angles": r"\theta"}
 _GREEK = ("alpha", "beta", "gamma", "theta", "phi", "psi", "omega", "sigma", "lambda", "kappa")
+_LETTERS = dict(zip(_GREEK, "αβγθφψωσλκ", strict=True))
 
 
 def symbol(name: str, index: int | None = None) -> str:
@@ -119,6 +120,22 @@ def symbol(name: str, index: int | None = None) -> str:
     if found["dot"]:
         stem = rf"\dot{{{stem}}}"
     return f"${stem}_{{{subscript}}}$" if subscript else f"${stem}$"
+
+
+_LOWERED = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
+
+
+def plain_words(words: str) -> str:
+    r"""A label without its mathematics: "leg length $l_{1}$" → "leg length l₁", $\sigma_{\min}(S)$ → "σmin(S)"."""
+
+    def plain(formula: re.Match[str]) -> str:
+        text = re.sub(r"\\mathcal\{(\w)\}", r"\1", formula[1])
+        text = re.sub(r"_\{?([\d,]+)\}?", lambda found: found[1].translate(_LOWERED), text)
+        text = re.sub(r"\\dot\{([^}]*)\}", "\\1\N{COMBINING DOT ABOVE}", text)
+        text = re.sub(r"\\([a-z]+)", lambda found: _LETTERS.get(found[1], found[1]), text)
+        return re.sub(r"[{}_]", "", text)
+
+    return re.sub(r"\$([^$]*)\$", plain, words)
 
 
 _UNITS = {"length": " [length]", "angle": " [rad]", "": ""}

@@ -1,0 +1,100 @@
+"""The verbs for the first minutes: `init` writes a problem file to begin with, `schema` what editors check it by."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import click
+
+from nhpocp.cli.options import json_option
+from nhpocp.cli.terminal import put, say
+from nhpocp.errors import InvalidProblemError
+
+SCHEMA = "nhpocp.schema.json"
+
+
+@click.command()
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path),
+    help="Write it to this file instead, such as the one beside a problem; an older one is replaced.",
+)
+@json_option
+def schema(output: Path | None, as_json: bool) -> int:
+    """Print the JSON schema of problem files.
+
+    For editors; the same with and without --json. It knows the systems that are installed.
+    """
+    from nhpocp.problem_file import json_schema
+
+    if output is None:
+        put(json_schema())
+        return 0
+    if output.exists() and not _is_schema(output):
+        raise InvalidProblemError("this is no schema of nhpocp and is left alone", file=str(output))
+    _write(output, _text(), "w")
+    if as_json:
+        put({"schema": str(output)})
+    else:
+        click.echo(str(output))
+    return 0
+
+
+@click.command()
+@click.argument("file", type=click.Path(path_type=Path), default=Path("problem.yaml"))
+@click.option(
+    "--system", "model", default="three_upu", show_default=True, help="A model of `nhpocp systems`."
+)
+@json_option
+def init(file: Path, model: str, as_json: bool) -> int:
+    """Write a commented starter FILE and its JSON schema beside it; no file is ever replaced."""
+    from nhpocp.problem_file import starter
+
+    beside = file.with_name(SCHEMA)
+    if file.name == SCHEMA:
+        raise InvalidProblemError(
+            "this is the schema's name; name another, such as problem.yaml", file=str(file)
+        )
+    _write(file, starter(model, SCHEMA), "x")
+    text = _text()
+    if not beside.exists():
+        _write(beside, text, "x")
+    elif not beside.is_file() or beside.read_text(encoding="utf-8", errors="replace") != text:
+        say(
+            f"{beside}: not this version's schema, and left alone; `nhpocp schema -o {beside}` renews an older one"
+        )
+    if as_json:
+        put({"file": str(file), "schema": str(beside)})
+    else:
+        click.echo(f"{file}\n{beside}\nnext: nhpocp solve {file}")
+    return 0
+
+
+def _text() -> str:
+    from nhpocp.problem_file import json_schema
+
+    return json.dumps(json_schema(), indent=1, ensure_ascii=False) + "\n"
+
+
+def _is_schema(path: Path) -> bool:
+    """Whether a file is a schema that this program wrote, of whatever version."""
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return False
+    return isinstance(found, dict) and found.get("$id") == SCHEMA
+
+
+def _write(path: Path, text: str, mode: str) -> None:
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with path.open(mode, encoding="utf-8") as target:
+            target.write(text)
+    except FileExistsError:
+        raise InvalidProblemError(
+            "this file exists and is left alone; name another", file=str(path)
+        ) from None
+    except OSError as error:
+        raise InvalidProblemError(f"cannot write here: {error.strerror}", file=str(path)) from error
