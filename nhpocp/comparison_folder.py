@@ -1,17 +1,19 @@
-"""A comparison as files: report.html, comparison.csv, comparison.json, and every solution in `<name>/<variant>`."""
+"""A comparison as files: report.html, comparison.csv, comparison.json, every solution in `<name>/<variant>`, and the
+motions of one problem together in `<name>/animation.html`."""
 
 from __future__ import annotations
 
 import json
 import os
 import tempfile
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from nhpocp.comparison import VARIANTS, Comparison, Run
+from nhpocp.comparison import VARIANTS, Comparison, Entry, Run
 from nhpocp.errors import InvalidProblemError, UnreadableSolutionError
 from nhpocp.problem import PlanningProblem
 from nhpocp.problem_file import variant
@@ -19,6 +21,9 @@ from nhpocp.solution import Solution
 from nhpocp.solution_folder import check_target, is_solution_folder, load_solution
 
 FILES = ("report.html", "comparison.csv", "comparison.json")
+ANIMATION = "animation.html"
+Report = Callable[[Comparison, Path, Mapping[str, str]], Any]
+Animate = Callable[[Sequence[Entry], Path], Any]
 
 
 def plan(problems: Sequence[PlanningProblem], variants: Sequence[str], home: Path) -> dict[str, Run]:
@@ -68,31 +73,52 @@ def check_home(home: Path) -> None:
 
 
 def write_comparison(
-    comparison: Comparison, home: Path, report: Callable[[Comparison, Path], Any]
+    comparison: Comparison, home: Path, report: Report, animate: Animate | None = None
 ) -> list[Path]:
-    """The three files, each whole or not at all; ``report(comparison, file)`` writes the page.
+    """The three files, each whole or not at all, and an animation a problem; the files written.
 
+    ``report(comparison, file, animations)`` writes the page, which links the animations, relative addresses by the
+    titles of their groups; ``animate(entries, file)`` writes one of them,
+    or nothing where no run moved.
     Errors: `InvalidProblemError` where they cannot be written.
     """
     check_home(home)
+    animations = _write_animations(comparison, home, animate) if animate else {}
     text = json.dumps(comparison.to_json(), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
     writers: dict[str, Callable[[Path], Any]] = {
         "comparison.json": lambda file: file.write_text(text, encoding="utf-8"),
         "comparison.csv": lambda file: file.write_text(comparison.to_csv(), encoding="utf-8", newline=""),
-        "report.html": lambda file: report(comparison, file),
+        "report.html": lambda file: report(comparison, file, animations),
     }
     for name, write in writers.items():
-        scratch = home / f".{name}.{os.getpid()}"
-        try:
-            write(scratch)
-            scratch.replace(home / name)
-        except OSError as error:
-            raise InvalidProblemError(
-                f"cannot write here: {error.strerror}", file=str(home / name)
-            ) from error
-        finally:
-            scratch.unlink(missing_ok=True)
-    return [home / name for name in FILES]
+        _write_whole(home / name, write)
+    return [home / name for name in (*FILES, *animations.values())]
+
+
+def _write_animations(comparison: Comparison, home: Path, animate: Animate) -> dict[str, str]:
+    """An animation for every problem that asks for pictures and has a motion; their places under ``home`` by title."""
+    found = {}
+    for group in comparison.groups:
+        place = f"{folder_name(group.title)}/{ANIMATION}"
+        if group.problem.pictures and _write_whole(home / place, partial(animate, group.entries)):
+            found[group.title] = place
+    return found
+
+
+def _write_whole(file: Path, write: Callable[[Path], Any]) -> bool:
+    """A file whole or not at all; whether there was anything to write."""
+    scratch = file.with_name(f".{file.name}.{os.getpid()}")
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        write(scratch)
+        written = scratch.exists()
+        if written:
+            scratch.replace(file)
+    except OSError as error:
+        raise InvalidProblemError(f"cannot write here: {error.strerror}", file=str(file)) from error
+    finally:
+        scratch.unlink(missing_ok=True)
+    return written
 
 
 def load_comparison(places: Iterable[Path]) -> Comparison:

@@ -6,7 +6,7 @@ import atexit
 import os
 import shutil
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # pytest-xdist already uses every core
@@ -104,3 +104,29 @@ class Turntable(System):
 @pytest.fixture
 def problem() -> PlanningProblem:
     return paper_problem()
+
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+QUIET = ("--no-first-run", "--disable-background-networking", "--disable-component-update", "--disable-sync")
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Any]:
+    """A headless Chromium of this machine; tests that need one skip where it is absent."""
+    if CHROMIUM is None:
+        pytest.skip("no Chromium here: install it to see the pages in a browser")
+    playwright = pytest.importorskip("playwright.sync_api", reason="the test extra is not installed")
+    with playwright.sync_playwright() as running:
+        chromium = running.chromium.launch(
+            executable_path=CHROMIUM, args=["--no-sandbox", "--disable-gpu", "--disable-quic", *QUIET]
+        )
+        yield chromium
+        chromium.close()
+
+
+def axe_violations(page: Any) -> list[str]:
+    """What axe-core holds against the accessibility of an open page: rule and first element."""
+    from axe_playwright_python.sync_playwright import Axe
+
+    found = Axe().run(page).response["violations"]
+    return [f"{rule['id']}: {rule['help']}: {rule['nodes'][0]['html']}" for rule in found]

@@ -347,6 +347,26 @@ def test_only_the_three_files_are_replaced(tmp_path):
     assert (tmp_path / "comparison.csv").read_text() != "old"
 
 
+def test_animations_are_made_where_pictures_are_wanted_and_something_moves(tmp_path):
+    runs = [made(problem=line(name=name, pictures=name != "b", goal=k)) for k, name in enumerate("abc")]
+    asked, linked = [], []
+
+    def animate(entries, file):
+        asked.append([entry.solution.problem.name for entry in entries])
+        if asked[-1] == ["a"]:
+            file.write_text("a page")
+
+    def report(comparison, file, animations):
+        linked.append(animations)
+        file.write_text("")
+
+    written = write_comparison(Comparison.of(runs), tmp_path, report, animate)
+    assert asked == [["a"], ["c"]]
+    assert linked == [{"a": "a/animation.html"}]
+    assert written[-1].read_text() == "a page"
+    assert sorted(path.name for path in (tmp_path / "a").iterdir()) == ["animation.html"]
+
+
 @pytest.mark.parametrize("blocked", ["file", "folder"])
 def test_a_place_that_cannot_be_written_is_bad_input(tmp_path, blocked):
     home = tmp_path / "out"

@@ -29,13 +29,14 @@ CHAINS = [  # inside a floor: a group may import the groups to its right, never 
     ["solvers.strategies", "solvers.continuation solvers.multiple_shooting", "solvers.generalized_inverses"],
     ["comparison batch", "planning", "verification"],
     ["views", "analysis", "verification"],
+    ["views.film", "views.animation", "views.scene views.curves", "views.plots views.drawing", "views.style"],
     ["analysis.analysis", "analysis.verdict analysis.agility", "analysis.growth", "analysis.brackets"],
     ["sweep diagnosis comparison_folder analysis_folder", "problem_file solution_folder"],
 ]
 ROOMS = {
     "matplotlib": ("views",),
     "mpl_toolkits": ("views",),
-    "plotly": ("views",),
+    "PIL": ("views",),
     "jinja2": ("views",),
     "dask": ("sweep",),
     "distributed": ("sweep",),

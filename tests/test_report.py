@@ -8,7 +8,6 @@ import hashlib
 import http.server
 import json
 import re
-import shutil
 import subprocess
 import threading
 from dataclasses import replace
@@ -18,7 +17,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import paper_problem
+from conftest import CHROMIUM, axe_violations, paper_problem
 from test_comparison import line, made
 from test_figures import CASES, good
 
@@ -28,7 +27,6 @@ from nhpocp.views.report import render, write_report
 from nhpocp.views.report_words import comments, given, number, percent
 
 VOID = {"meta", "link", "br", "hr", "img", "input"}
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 SCRIPT = "<script>alert('you')</script>"
 
 
@@ -308,19 +306,6 @@ def test_the_script_is_told_what_is_drawn(page):
                 assert np.abs(drawn - point).max(axis=1).min() < 0.1
 
 
-@pytest.fixture(scope="module")
-def browser():
-    from playwright.sync_api import sync_playwright
-
-    with sync_playwright() as running:
-        found = running.chromium.launch(
-            executable_path=CHROMIUM,
-            args=["--no-sandbox", "--disable-gpu", "--disable-background-networking"],
-        )
-        yield found
-        found.close()
-
-
 def opened(browser: Any, text: str, **options: Any) -> Any:
     """The page under the strictest policy that lets its own script run; complaints fail the test at `complaints`."""
     digest = base64.b64encode(hashlib.sha256(script(text).encode()).digest()).decode()
@@ -424,3 +409,18 @@ def test_a_browser_finds_nothing_to_complain_of(page, tmp_path):
     assert asked == ["/report.html"]
     assert "CONSOLE" not in done.stderr
     assert (tmp_path / "report.png").stat().st_size > 50_000
+
+
+def test_the_report_passes_axe(browser, tmp_path, page):
+    file = tmp_path / "report.html"
+    file.write_text(page, encoding="utf-8")
+    tab = browser.new_page(viewport={"width": 1200, "height": 900})
+    tab.goto(file.as_uri())
+    assert axe_violations(tab) == []
+    tab.close()
+
+
+def test_animations_are_linked_where_there_are_some():
+    page = Page(render(Comparison.of([made()]), {"line": "a b/animation.html"}))
+    assert page.named("a") == [{"href": "a%20b/animation.html"}]
+    assert "a b/animation.html" in page.words

@@ -33,6 +33,7 @@ from nhpocp.systems.numeric import numeric_system
 from nhpocp.systems.parallel_robot import ParallelRobot
 from nhpocp.verification import geometry
 from nhpocp.verification.replay import replay
+from nhpocp.views.drawing import split_name
 
 LIBRARY = sorted((Path(__file__).parents[1] / "problems").glob("*.yaml"))
 VARIANTS: dict[str, dict[str, Any]] = {
@@ -173,6 +174,13 @@ def test_outputs_are_those_declared(problem):
 def test_drawings_are_plain_arrays_of_one_dimension(problem):
     drawn_here = problem.system.drawing(random_state(problem, 3))
     items = [*drawn_here["lines"].values(), *drawn_here["points"].values()]
+    for name, solid in drawn_here.get("solids", {}).items():
+        items.append(np.reshape(solid["ends"] if "ends" in solid else [solid["centre"]], (-1, 3)))
+        assert solid["radius"] > 0, name
+        if "rotation" in solid:
+            np.testing.assert_allclose(solid["rotation"].T @ solid["rotation"], np.eye(3), atol=1e-12)
+        kinds = {split_name(other)[0] for other in (*drawn_here["lines"], *drawn_here["points"])}
+        assert set(solid["replaces"]) <= kinds | {"spheres", "universal joints"}
     trace = drawn_here.get("trace")
     items += [np.reshape(trace, (1, -1))] if trace is not None else []
     assert {np.shape(item)[1] for item in items} <= {2, 3}

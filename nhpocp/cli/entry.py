@@ -15,12 +15,13 @@ from typing import Any
 import click
 
 from nhpocp.cli.analyzing import analyze
+from nhpocp.cli.animating import animate
 from nhpocp.cli.starting import init, schema
 from nhpocp.cli.terminal import error_data, put, say
 from nhpocp.cli.verbs import BAD_INPUT, MISSING_PART, NOT_SOLVED, SOLVED, cli
 from nhpocp.errors import MissingDependencyError, NhpocpError
 
-for verb in (analyze, init, schema):
+for verb in (analyze, animate, init, schema):
     cli.add_command(verb)
 
 BY_HAND = "stopped by hand; no solution was written"

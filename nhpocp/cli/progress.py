@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from math import inf, isfinite, log10
 from time import perf_counter
@@ -52,6 +52,18 @@ def progress(quiet: bool, title: str = "") -> Iterator[Progress | None]:
                 live.refresh()
 
         yield show
+
+
+@contextmanager
+def counter(quiet: bool, word: str) -> Iterator[Callable[[int, int], None] | None]:
+    """How many of what is made are done; None where nobody would see it."""
+    if quiet or not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+
+    with Console(stderr=True).status(word) as status:
+        yield lambda done, count: status.update(f"{word} {done} of {count}")
 
 
 class Panel:

@@ -43,10 +43,15 @@ def report(solution: Solution, folder: Path, task: str = "") -> None:
     click.echo(f"  written: {folder}")
 
 
-def comparison_lines(comparison: Comparison, file: Path, tasks: Mapping[str, str]) -> None:
-    """The end of `compare`: a line a run, and where the report is. ``tasks``: `report`'s task by the problem's name."""
+def comparison_lines(
+    comparison: Comparison, file: Path, tasks: Mapping[str, str], animations: Sequence[Path] = ()
+) -> None:
+    """The end of `compare`: a line a run, and where the report is.
+
+    ``tasks``: `report`'s task by the problem's name; ``animations``: written with it.
+    """
     if sys.stdout.isatty():
-        _comparison_table(comparison, file, tasks)
+        _comparison_table(comparison, file, tasks, animations)
         return
     rows = comparison.rows()
     widths = [
@@ -61,6 +66,8 @@ def comparison_lines(comparison: Comparison, file: Path, tasks: Mapping[str, str
         click.echo(f"{'  '.join(words)}  {numbers}  gap {_gap(row)} %  {_figure(row['solve_s'], '.2f')} s")
     for note in comparison.notes:
         say(note)
+    for path in animations:
+        click.echo(f"animation: {path}")
     click.echo(f"report: {file}")
 
 
@@ -150,7 +157,9 @@ def _next(console: Console, commands: Sequence[str]) -> None:
         console.print(f"  {command}", soft_wrap=True)
 
 
-def _comparison_table(comparison: Comparison, file: Path, tasks: Mapping[str, str]) -> None:
+def _comparison_table(
+    comparison: Comparison, file: Path, tasks: Mapping[str, str], animations: Sequence[Path]
+) -> None:
     from rich.box import SIMPLE_HEAD
     from rich.table import Table
 
@@ -176,7 +185,7 @@ def _comparison_table(comparison: Comparison, file: Path, tasks: Mapping[str, st
         say(note)
     console.print("written", style="dim")
     beside = [file.with_name(name) for name in ("comparison.csv", "comparison.json")]
-    for path in [file, *beside, *filter(None, (entry.folder for entry in comparison.entries))]:
+    for path in [file, *beside, *animations, *filter(None, (entry.folder for entry in comparison.entries))]:
         console.print(f"  {path}", soft_wrap=True)
     _next(console, _after(comparison, tasks))
 

@@ -267,7 +267,8 @@ def compare(
 ) -> int:
     """Solve every FILE by both methods; compare them.
 
-    Writes report.html, comparison.csv, comparison.json, and a solution folder for every run.
+    Writes report.html, comparison.csv, comparison.json, a solution folder for every run, and
+    NAME/animation.html with the motions of each problem.
     """
     if stored and (variants or overrides):
         raise click.UsageError("--from solves nothing: leave out --variant and --set")
@@ -280,14 +281,15 @@ def compare(
         else:
             found, tasks = _compared(files, variants, overrides, output, as_json)
         interruption.patient = True
+        from nhpocp.views.animation import animate_runs
         from nhpocp.views.report import write_report
 
         with progress(as_json, "writing the report"):
-            report_file, *_ = write_comparison(found, output, write_report)
+            report_file, _, _, *animations = write_comparison(found, output, write_report, animate_runs)
         if as_json:
             put(found.to_json())
         else:
-            comparison_lines(found, report_file, tasks)
+            comparison_lines(found, report_file, tasks, animations)
     return SOLVED if found.all_converged else NOT_SOLVED
 
 

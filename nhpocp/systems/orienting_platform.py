@@ -11,6 +11,7 @@ from nhpocp.errors import InvalidProblemError
 from nhpocp.state_space import StateSpace, rotation, scalar
 from nhpocp.systems.legs import Leg
 from nhpocp.systems.parallel_robot import ParallelRobot
+from nhpocp.systems.solids import rod
 from nhpocp.systems.system import Parameter
 
 
@@ -114,4 +115,5 @@ class OrientingPlatform(ParallelRobot):
         xp, normal, drawn = namespace(state), self.pose(state)[1][:, 2], super().drawing(state)
         tip = self.platform_radius * normal
         drawn["lines"]["normal"] = xp.rows([0.0 * tip, tip])
+        drawn["solids"]["normal"] = rod(0.0 * tip, tip, 0.04 * self.platform_radius)
         return {**drawn, "trace": tip}

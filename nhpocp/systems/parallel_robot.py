@@ -7,11 +7,12 @@ from dataclasses import dataclass
 from math import cos, hypot, pi, sin
 from typing import Any, ClassVar
 
-from nhpocp.arrays import Array, namespace, symbolic
+from nhpocp.arrays import Array, cross, namespace, symbolic
 from nhpocp.errors import InvalidProblemError
 from nhpocp.state_space import Block, StateSpace, direction, rotation, vector
 from nhpocp.systems.joints import LegPose, Row
 from nhpocp.systems.legs import Leg
+from nhpocp.systems.solids import ball, rod, roller
 from nhpocp.systems.system import Parameter, System
 
 KEYS = {
@@ -25,6 +26,7 @@ KEYS = {
     "length": "length",
     "actuated": "actuated",
 }
+JOINTS = ("spheres", "universal joints")  # the points of a drawing
 
 
 @dataclass(frozen=True)
@@ -247,10 +249,11 @@ class ParallelRobot(System):
     def drawing(self, state: Array) -> dict[str, Any]:
         """Both bodies, the legs, and the directions of their joints, from the middle of each joint."""
         xp, poses = namespace(state), self.leg_poses(state)
-        reach = 0.12 * max(float(pose.length) for pose in poses)
+        reach = 0.3 * self.default_length_scale()
         base, platform = [pose.a for pose in poses], [pose.b for pose in poses]
         lines = {"base": xp.rows([*base, base[0]]), "platform": xp.rows([*platform, platform[0]])}
-        points: dict[str, list[Array]] = {"spheres": [], "universal joints": []}
+        points: dict[str, list[Array]] = {kind: [] for kind in JOINTS}
+        solids: dict[str, Any] = {}
         for i, (leg, pose) in enumerate(zip(self.legs, poses, strict=True), 1):
             points["universal joints" if leg.joint == "universal" else "spheres"].append(pose.a)
             if not leg.pinned:
@@ -261,7 +264,28 @@ class ParallelRobot(System):
             if pose.w4 is not None:
                 for name, axis in (("w3", pose.w3), ("w4", pose.w4)):
                     lines[f"{name} {i}"] = xp.rows([pose.b - 0.5 * reach * axis, pose.b + 0.5 * reach * axis])
-        return {"lines": lines, "points": {name: xp.rows(found) for name, found in points.items() if found}}
+            solids |= self._solids(i, leg, pose, lines)
+        drawn = {name: xp.rows(found) for name, found in points.items() if found}
+        return {"lines": lines, "points": drawn, "solids": solids}
+
+    def _solids(self, number: int, leg: Leg, pose: LegPose, lines: Mapping[str, Array]) -> dict[str, Any]:
+        """The bodies of one leg: its tube, the balls at its ends, their rollers, the crosses of universal joints."""
+        xp, size = namespace(pose.a), self.default_length_scale()
+        radius = (0.11 if pose.r is None else 0.2) * size
+        turned = xp.eye(3) if pose.w3 is None else xp.rows([pose.g, pose.w3, cross(pose.g, pose.w3)]).T
+        found: dict[str, Any] = {f"sphere {number}": ball(pose.a, turned, radius, *JOINTS)}
+        if not leg.pinned:
+            found[f"leg {number}"] = rod(pose.a, pose.b, 0.07 * size)
+            if leg.w4 is None:
+                found[f"head {number}"] = ball(pose.b, turned, 0.09 * size)
+        if pose.r is not None and leg.joint != "universal":
+            outwards = -pose.g if leg.joint == "suslov" else xp.array([pose.a[0], pose.a[1], 0.0])
+            found[f"roller {number}"] = roller(pose.a, pose.r, outwards, radius)
+            found[f"r {number}"] = rod(pose.a, pose.a + 1.7 * radius * pose.r, 0.03 * size)
+        for name in (f"w3 {number}", f"w4 {number}"):
+            if name in lines:
+                found[name] = rod(lines[name][0], lines[name][1], 0.035 * size)
+        return found
 
 
 def leg_data(leg: Leg, keys: Mapping[str, str]) -> dict[str, Any]:

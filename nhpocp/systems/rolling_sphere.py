@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 from nhpocp.arrays import Array, cross, namespace
 from nhpocp.state_space import StateSpace, rotation, scalar, vector
-from nhpocp.systems.solids import facet, great_circle
+from nhpocp.systems.solids import ball, facet, great_circle
 from nhpocp.systems.system import Parameter, System
 
 
@@ -64,4 +64,10 @@ class RollingSphere(System):
         touching = xp.vector([p[0], p[1], 0.0])
         lines = {f"circle {i + 1}": great_circle(centre, turned, i, self.radius) for i in range(3)}
         lines["octant"] = facet(centre, turned, self.radius, bend=8)
-        return {"lines": lines, "points": {"contact": xp.rows([touching])}, "trace": touching}
+        solids = {"sphere": ball(centre, turned, self.radius, "circle", "octant")}
+        return {
+            "lines": lines,
+            "points": {"contact": xp.rows([touching])},
+            "trace": touching,
+            "solids": solids,
+        }

@@ -1,11 +1,11 @@
-"""Lines that show how a body is turned, for the drawings of several systems."""
+"""Bodies and lines that show how a body is turned, for the drawings of several systems."""
 
 from __future__ import annotations
 
 from math import cos, pi, sin
 from typing import Any
 
-from nhpocp.arrays import Array, namespace, unit
+from nhpocp.arrays import Array, cross, dot, namespace, norm, unit
 
 OVERLAP = 0.1  # [rad] by which a circle is drawn beyond a full turn: an open line, which pictures do not fill
 
@@ -32,3 +32,34 @@ def great_circle(centre: Array, rotation: Array, axis: int, radius: float) -> Ar
     first, second = rotation[:, (axis + 1) % 3], rotation[:, (axis + 2) % 3]
     angles = [k * (2 * pi + OVERLAP) / 64 for k in range(65)]
     return xp.rows([centre + radius * (cos(a) * first + sin(a) * second) for a in angles])
+
+
+def ball(centre: Array, rotation: Array, radius: float, *replaces: str) -> dict[str, Any]:
+    """A solid ball that shows how it is turned, for `System.drawing`."""
+    return {"centre": centre, "rotation": rotation, "radius": radius, "replaces": replaces}
+
+
+def rod(start: Array, end: Array, radius: float, *replaces: str) -> dict[str, Any]:
+    """A solid round bar, for `System.drawing`."""
+    return {"ends": namespace(start, end).rows([start, end]), "radius": radius, "replaces": replaces}
+
+
+def roller(centre: Array, r: Array, towards: Array, radius: float) -> dict[str, Any]:
+    """The wheel that touches a ball of this radius on the side ``towards``, and keeps it from turning about r.
+
+    Its axle is perpendicular to r and to the line of contact: there the ball slides along r with the wheel's rim only.
+    """
+    side = towards - dot(towards, r) * r
+    if norm(side) < 1e-6:  # the side asked for lies on r itself: any other will do
+        side = cross(r, namespace(r).array([1.0, 0.0, 0.0] if abs(r[0]) < 0.9 else [0.0, 1.0, 0.0]))
+    side = unit(side)
+    axle, wheel = cross(r, side), 0.5 * radius
+    middle = centre + (radius + wheel) * side
+    return rod(middle - 0.3 * wheel * axle, middle + 0.3 * wheel * axle, wheel)
+
+
+def joint_solids(rotation: Array, r: Array, towards: Array) -> dict[str, Any]:
+    """A non-holonomic ball joint at the origin: its ball, its own axes as bars, and the roller that holds it."""
+    origin = namespace(rotation).array([0.0, 0.0, 0.0])
+    bars = {f"axis {i + 1}": rod(origin, rotation[:, i], 0.025) for i in range(3)}
+    return {"ball": ball(origin, rotation, 0.45), "roller": roller(origin, r, towards, 0.45), **bars}

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 from nhpocp.arrays import Array, dot, namespace
 from nhpocp.state_space import StateSpace, rotation, scalar
-from nhpocp.systems.solids import body_axes, facet
+from nhpocp.systems.solids import body_axes, facet, joint_solids, rod
 from nhpocp.systems.system import System
 
 
@@ -43,4 +43,7 @@ class SuslovJoint(System):
         origin = xp.array([0.0, 0.0, 0.0])
         lines = {"ball": facet(origin, turned, 1.0), **body_axes(origin, turned, 1.0)}
         lines["r"] = xp.rows([turned[:, 2], 1.4 * turned[:, 2]])
-        return {"lines": lines, "points": {"tip": xp.rows([turned[:, 2]])}, "trace": turned[:, 2]}
+        tip = turned[:, 2]
+        solids = joint_solids(turned, tip, towards=turned[:, 0])
+        solids["r"] = rod(tip, 1.4 * tip, 0.03)
+        return {"lines": lines, "points": {"tip": xp.rows([tip])}, "trace": tip, "solids": solids}

@@ -187,5 +187,11 @@ class System(Protocol):
 
         A mechanism in the plane gives (n, 2) throughout and is seen from above. Closed lines are bodies, "leg 1" is
         the first of the kind "leg". ``"trace"``, (3,) or (2,), is the point whose path is drawn, if there is one.
+
+        ``"solids"``, {name: solid}, in space only, is what the animation shows where that looks more like the machine;
+        pictures on paper leave it out. A solid is a round bar, {"ends": (2, 3), "radius"}, shown as a cylinder with a
+        piston where its length changes, or a ball, {"centre": (3,), "rotation": (3, 3), "radius"}, with meridians
+        that show how it is turned. It takes the place of the line of its name, and of lines or points whose names or
+        kinds are in "replaces". The functions of `systems.solids` make them.
         """
         return {"lines": {}, "points": {}}

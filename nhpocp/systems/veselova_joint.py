@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 from nhpocp.arrays import Array, namespace
 from nhpocp.state_space import StateSpace, rotation, scalar
-from nhpocp.systems.solids import body_axes, facet
+from nhpocp.systems.solids import body_axes, facet, joint_solids, rod
 from nhpocp.systems.system import System
 
 
@@ -42,4 +42,8 @@ class VeselovaJoint(System):
         origin = xp.array([0.0, 0.0, 0.0])
         lines = {"ball": facet(origin, turned, 1.0), **body_axes(origin, turned, 1.0)}
         lines["r"] = xp.array([[0.0, 0.0, -0.5], [0.0, 0.0, 0.0]])
-        return {"lines": lines, "points": {"tip": xp.rows([turned[:, 2]])}, "trace": turned[:, 2]}
+        r = xp.array([0.0, 0.0, 1.0])
+        solids = joint_solids(turned, r, towards=xp.array([1.0, -1.0, 0.0]))
+        solids["r"] = rod(-0.9 * r, origin, 0.03)
+        tip = turned[:, 2]
+        return {"lines": lines, "points": {"tip": xp.rows([tip])}, "trace": tip, "solids": solids}

@@ -21,7 +21,7 @@ from nhpocp.views.style import COLOURS, GREY, line_style, symbol, with_unit
 
 ELEVATION, AZIMUTH = 20.0, -62.0  # degrees
 SPACE = ("$x$", "$y$", "$z$")
-_FILLS = ("0.72", "#F0C05A", "#9CCBE8", "#B7DDB0")
+FILLS = ("0.72", "#F0C05A", "#9CCBE8", "#B7DDB0")
 _THIN = ("#AA4499", "#117733", "#7A5C00", "#882255")  # the path is black
 _MARKERS = ("o", "s", "^", "D")
 
@@ -41,13 +41,13 @@ def poses_of(solution: Solution) -> list[Pose]:
         return [Pose("start $t$ = 0", system.drawing(solution.problem.start_point))]
     middle = int(np.argmin(np.abs(path.times - 0.5 * (path.times[0] + path.times[-1]))))
     chosen = {0: "start", middle: "middle", path.samples - 1: "end"}
-    states = _states(solution, path)
+    states = states_of(solution, path)
     return [
         Pose(f"{words}, $t$ = {path.times[k]:.3g}", system.drawing(states[k])) for k, words in chosen.items()
     ]
 
 
-def _states(solution: Solution, path: Path) -> Array:
+def states_of(solution: Solution, path: Path) -> Array:
     """The packed points of a path, (samples, size)."""
     names = solution.problem.system.state_space.names
     return np.hstack([quantity(solution, name, path) for name in names])
@@ -69,7 +69,7 @@ def path_points(solution: Solution, path: Path) -> Array:
     if not path.samples:
         return np.empty((0, numbers))
     if "trace" in first:
-        states = _states(solution, path)
+        states = states_of(solution, path)
         return np.array([system.drawing(state)["trace"] for state in states], dtype=float)
     for block in system.state_space.blocks:
         if block.kind == "vector" and block.unit == "length" and block.components in (2, 3):
@@ -158,23 +158,23 @@ def _depth(points: Array) -> float:
     return float(np.mean(points, axis=0) @ eye)
 
 
-def _is_closed(line: Array) -> bool:
+def is_closed(line: Array) -> bool:
     return len(line) > 3 and np.allclose(line[0], line[-1])
 
 
-def _kinds(lines: Mapping[str, Array]) -> dict[str, float]:
+def kinds_of(lines: Mapping[str, Array]) -> dict[str, float]:
     """Kinds of the open lines with their mean length, the longest first; equal ones, up to rounding, as they came."""
     found: dict[str, list[float]] = {}
     for name, line in lines.items():
-        if not _is_closed(line):
-            found.setdefault(_split(name)[0], []).append(
+        if not is_closed(line):
+            found.setdefault(split_name(name)[0], []).append(
                 float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum())
             )
     means = {kind: float(f"{np.mean(sizes):.6g}") for kind, sizes in found.items()}
     return dict(sorted(means.items(), key=lambda item: -item[1]))
 
 
-def _split(name: str) -> tuple[str, int | None]:
+def split_name(name: str) -> tuple[str, int | None]:
     found = re.fullmatch(r"(.*?)\s+(\d+)", name)
     return (found[1], int(found[2]) - 1) if found else (name, None)
 
@@ -183,7 +183,7 @@ def plot_robot(axes: Any, drawing: Mapping[str, Any], *, ghost: bool = False) ->
     """One drawing on its axes: filled bodies, coloured legs, thin axes; a ghost is its bodies' outlines, dashed."""
     lines = {name: np.asarray(line, dtype=float) for name, line in drawing["lines"].items()}
     lines = {name: line for name, line in lines.items() if np.isfinite(line).all()}
-    closed = {name: line for name, line in lines.items() if _is_closed(line)}
+    closed = {name: line for name, line in lines.items() if is_closed(line)}
     if ghost:
         for line in (closed or lines).values():
             axes.plot(*line.T, color="0.45", linewidth=0.7, linestyle=(0, (4, 2)), zorder=2)
@@ -193,18 +193,18 @@ def plot_robot(axes: Any, drawing: Mapping[str, Any], *, ghost: bool = False) ->
     rank = {name: 10 + i for i, name in enumerate(sorted(order, key=lambda name: order[name]))}
     flat = dimension(drawing) == 2
     for i, (name, line) in enumerate(closed.items()):
-        look = {"facecolor": _FILLS[i % len(_FILLS)], "edgecolor": "0.2", "linewidth": 0.9, "alpha": 0.75}
+        look = {"facecolor": FILLS[i % len(FILLS)], "edgecolor": "0.2", "linewidth": 0.9, "alpha": 0.75}
         if flat:
             axes.fill(*line.T, zorder=rank[name], **look)
             continue
         fill = Poly3DCollection([line], **look)
         fill.set_zorder(rank[name])
         axes.add_collection3d(fill)
-    kinds = list(_kinds(lines))
+    kinds = list(kinds_of(lines))
     for name, line in lines.items():
         if name in closed:
             continue
-        kind, number = _split(name)
+        kind, number = split_name(name)
         axes.plot(*line.T, zorder=rank[name], **open_line_style(kinds.index(kind), number))
     for i, (name, dots) in enumerate(points.items()):
         size, marker = (22, 9, 9, 9)[i % 4], _MARKERS[i % len(_MARKERS)]
@@ -230,10 +230,10 @@ def open_line_style(kind: int, number: int | None) -> dict[str, Any]:
 def legend_entries(drawing: Mapping[str, Any]) -> list[tuple[str, dict[str, Any]]]:
     """(words, line style) of every leg and every other kind of line, for a legend."""
     lines = {name: np.asarray(line, dtype=float) for name, line in drawing["lines"].items()}
-    kinds, entries = list(_kinds(lines)), []
+    kinds, entries = list(kinds_of(lines)), []
     for name, line in lines.items():
-        kind, number = _split(name)
-        if not _is_closed(line) and kind == kinds[0]:
+        kind, number = split_name(name)
+        if not is_closed(line) and kind == kinds[0]:
             entries.append((name.replace("_", " "), open_line_style(0, number)))
     return entries + [(symbol(kind), open_line_style(i, None)) for i, kind in enumerate(kinds) if i]
 

@@ -63,3 +63,8 @@ def positive(values: Iterable[float | None]) -> Array:
     found = np.array([np.nan if value is None else float(value) for value in values])
     found[~(np.isfinite(found) & (found > 0))] = np.nan
     return found
+
+
+def thinned(count: int, most: int) -> Array:
+    """Indices of ``count`` samples: all of them, or ``most`` at equal distances with both ends."""
+    return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int))

@@ -188,7 +188,7 @@ def plot_relative(
     path, column = path_of(solution), 0
     for block in blocks:
         values = relative_values(solution, block)
-        stems = ["$r_1$", "$r_2$", "$r_3$"] if block.kind == "rotation" else _error_labels(block)
+        stems = ["$r_1$", "$r_2$", "$r_3$"] if block.kind == "rotation" else error_labels(block)
         if block.kind == "rotation":
             _half_turns(axes, path.times, values)
             values = _broken(values)
@@ -201,7 +201,7 @@ def plot_relative(
     axes.set_ylabel(_error_words(blocks))
 
 
-def _error_labels(block: Block) -> list[str]:
+def error_labels(block: Block) -> list[str]:
     return [_error_symbol(name) for name in _labels(block)]
 
 

@@ -22,14 +22,19 @@ CLAIMS = {True: "yes", False: "no: refuted", None: "no claim made"}
 Row = Mapping[str, Any]
 
 
-def write_report(comparison: Comparison, path: str | os.PathLike[str]) -> Path:
-    """Writes the page and returns its path. The same solutions give the same bytes."""
+def write_report(
+    comparison: Comparison, path: str | os.PathLike[str], animations: Mapping[str, str] | None = None
+) -> Path:
+    """Writes the page and returns its path. The same solutions give the same bytes.
+
+    ``animations``: files that show the motions of a group, relative to the page, by the groups' titles.
+    """
     target = Path(path)
-    target.write_text(render(comparison), encoding="utf-8")
+    target.write_text(render(comparison, animations), encoding="utf-8")
     return target
 
 
-def render(comparison: Comparison) -> str:
+def render(comparison: Comparison, animations: Mapping[str, str] | None = None) -> str:
     """The page as text."""
     environment = Environment(
         loader=FileSystemLoader(Path(__file__).parent),
@@ -44,6 +49,8 @@ def render(comparison: Comparison) -> str:
     sections = [
         _section(group, [rows[id(entry)] for entry in group.entries], i) for i, group in enumerate(groups)
     ]
+    for group, section in zip(groups, sections, strict=True):
+        section["animation"] = (animations or {}).get(group.title)
     names = [group.title for group in groups]
     return environment.get_template(TEMPLATE).render(
         title=f"Motion planning compared: {', '.join(names[:3])}{' and more' if len(names) > 3 else ''}",
