@@ -51,6 +51,7 @@ if TYPE_CHECKING:
     from nhpocp.systems.system import System as System
     from nhpocp.systems.three_upu import ThreeUPU as ThreeUPU
     from nhpocp.verification import verify as verify
+    from nhpocp.views.animation import write_animation as write_animation
     from nhpocp.views.report import write_report as write_report
 
 __version__ = "0.1.0"
@@ -103,6 +104,7 @@ _HOMES = {
     "solve": "planning",
     "vector": "state_space",
     "verify": "verification",
+    "write_animation": "views.animation",
     "write_report": "views.report",
 }
 __all__ = ["__version__", *_HOMES]

@@ -19,7 +19,7 @@ from nhpocp.controls.basis import ControlBasis
 from nhpocp.errors import InvalidProblemError
 from nhpocp.flow.dynamics import Dynamics
 from nhpocp.flow.kernels import CompiledWhenReady, Kernels
-from nhpocp.flow.runge_kutta import Scheme, Sweep, Swept, scheme, walked
+from nhpocp.flow.runge_kutta import Grid, Scheme, Sweep, Swept, scheme, walked
 
 
 class Flow(Protocol):
@@ -104,13 +104,12 @@ class RungeKuttaFlow:
         self, dynamics: Dynamics, basis: ControlBasis, horizon: float, times: Array, kernels: Kernels
     ) -> None:
         self.times = np.asarray(times, dtype=float)
-        self._h = np.diff(self.times)
-        self._nodes, self._table = _control_nodes(basis, horizon, self.times)
+        self._grid = Grid(np.diff(self.times), *_control_nodes(basis, horizon, self.times))
         self._dynamics, self._kernels = dynamics, kernels
 
     def _sweep(self, start: Array, coefficients: Array, stops: Sequence[int]) -> Sweep:
         start, coefficients = (np.asarray(numbers, dtype=float) for numbers in (start, coefficients))
-        return Sweep(start, self._h, self._nodes, self._table, coefficients, stops)
+        return Sweep(start, self._grid, coefficients, tuple(stops))
 
     def states(self, start: Array, coefficients: Array) -> Array:
         sweep = self._sweep(start, coefficients, ())
@@ -133,11 +132,11 @@ class RungeKuttaFlow:
         """dy/dλ from the first step to the last: one pass for any number of stops."""
         path, tape = functions.taped_path(sweep)
         ends = list(sweep.stops)
-        steps, size, inputs = len(self._h), functions.size, functions.inputs
-        by_state, by_controls = call(mapped(functions.blocks, steps), tape, self._h)
+        steps, size, inputs = len(sweep.h), functions.size, functions.inputs
+        by_state, by_controls = call(mapped(functions.blocks, steps), tape, sweep.h)
         by_state = by_state.reshape(steps, size, size)
         by_controls = by_controls.reshape(steps, size, 3, inputs)
-        driven = np.einsum("knjm,kjf->knmf", by_controls, self._table[self._nodes])
+        driven = np.einsum("knjm,kjf->knmf", by_controls, sweep.table[sweep.nodes])
         driven = driven.reshape(steps, size, -1)
         along = np.zeros((steps + 1, size, driven.shape[2]))
         for k in range(steps):

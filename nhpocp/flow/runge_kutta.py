@@ -9,6 +9,7 @@ which is the transpose of the scheme itself: exact to rounding, and of a cost th
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
@@ -23,23 +24,39 @@ from nhpocp.flow.dynamics import Dynamics
 TABLEAU = ((0.0, 0, 1.0), (0.5, 1, 2.0), (0.5, 1, 2.0), (1.0, 2, 1.0))
 
 
-class Sweep(NamedTuple):
-    """What a sweep is asked for: the path, and at stops the derivatives of the wanted rows by λ.
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """The steps of a flow, and where they see its control. The arrays are contiguous."""
 
-    The arrays are contiguous.
-    """
-
-    start: Array  # y(0), (n,)
     h: Array  # step lengths (steps,)
     nodes: Array  # where φ at the start, middle and end of each step stands in the table, (steps, 3)
     table: Array  # (nodes, size)
+
+
+class Sweep(NamedTuple):
+    """What a sweep is asked for: the path, and at stops the derivatives of the wanted rows by λ."""
+
+    start: Array  # y(0), (n,)
+    grid: Grid
     coefficients: Array  # Λ, (m, size)
-    stops: Sequence[int]  # numbers of steps
+    stops: tuple[int, ...]  # numbers of steps
+
+    @property
+    def h(self) -> Array:
+        return self.grid.h
+
+    @property
+    def nodes(self) -> Array:
+        return self.grid.nodes
+
+    @property
+    def table(self) -> Array:
+        return self.grid.table
 
     def first(self, steps: int) -> Sweep:
         """A shorter one, with one stop at its end."""
-        h, nodes = self.h[:steps], self.nodes[:steps]
-        return self._replace(h=h, nodes=nodes, stops=[len(h)])
+        grid = Grid(self.h[:steps], self.nodes[:steps], self.table)
+        return self._replace(grid=grid, stops=(len(grid.h),))
 
     def controls(self) -> Array:
         """u at the start, middle and end of each step, (steps, 3, m)."""
@@ -78,7 +95,7 @@ class Scheme:
     def _product(self) -> _Packed:
         return _Packed([_multiplied(self._slopes)])
 
-    @property
+    @cached_property
     def entries(self) -> int:
         """Numbers that `slopes` gives."""
         return int(self._product.numbers.numel())

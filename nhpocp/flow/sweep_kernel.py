@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import ctypes
+from functools import lru_cache
 from pathlib import Path
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from nhpocp.arrays import Array
 from nhpocp.flow import kernel_source, runge_kutta
 from nhpocp.flow.kernel_cache import address, identified
 from nhpocp.flow.kernel_source import LANES
-from nhpocp.flow.runge_kutta import Scheme, Sweep, Swept
+from nhpocp.flow.runge_kutta import Grid, Scheme, Sweep, Swept
 
 
 def identity(scheme: Scheme) -> str:
@@ -28,36 +31,63 @@ class SweepKernel:
         self._sweep.argtypes = [
             ctypes.c_longlong if kind == "i" else ctypes.c_void_p for kind in "ippiipppipppp"
         ]
-        self._scheme, self._work = scheme, np.zeros(0)
+        self._scheme, self._work, self._work_at = scheme, np.zeros(0), 0
+        self._places: WeakKeyDictionary[Grid, tuple[int, int, int]] = WeakKeyDictionary()
 
     def swept(self, sweep: Sweep) -> Swept:
         """As `Kernels.swept`."""
-        scheme, steps, (count, size) = self._scheme, len(sweep.h), sweep.table.shape
+        scheme, grid = self._scheme, sweep.grid
+        steps, (count, size) = len(grid.h), grid.table.shape
+        self._make_room(steps, count)
+        h, nodes, table = self._places.get(grid) or self._placed(grid)
+        stops, stops_at = _stops(sweep.stops)
+        entries = size * scheme.rows * scheme.inputs
+        first = (steps + 1) * scheme.size
+        second = first + len(stops) * entries
+        found = np.empty(second + (steps + 1) * scheme.watches)
+        found[: scheme.size] = sweep.start
+        coefficients = np.array(sweep.coefficients, dtype=float, order="C")
+        at = address(found)
+        self._sweep(
+            steps,
+            h,
+            nodes,
+            count,
+            size,
+            table,
+            address(coefficients),
+            at,
+            len(stops),
+            stops_at,
+            self._work_at,
+            at + 8 * first,
+            at + 8 * second,
+        )
+        path, derivatives, watched = found[:first], found[first:second], found[second:]
+        derivatives = derivatives.reshape(len(stops), size, scheme.rows, scheme.inputs).transpose(0, 2, 3, 1)
+        return Swept(
+            path.reshape(steps + 1, scheme.size),
+            derivatives.reshape(len(stops), scheme.rows, scheme.inputs * size),
+            watched.reshape(steps + 1, scheme.watches),
+        )
+
+    def _make_room(self, steps: int, count: int) -> None:
+        scheme = self._scheme
         samples = LANES * -(-4 * steps // LANES)
         wanted = samples * (scheme.size + scheme.inputs + scheme.entries)
         wanted += count * scheme.inputs * (scheme.rows + 1)
         if self._work.size < wanted:
             self._work = np.zeros(wanted)
-        path = np.empty((steps + 1, scheme.size))
-        path[0] = sweep.start
-        stops = np.array(sweep.stops, dtype=np.int64)
-        derivatives = np.empty((len(stops), size, scheme.rows, scheme.inputs))
-        watched = np.empty((steps + 1, scheme.watches))
-        coefficients = np.array(sweep.coefficients, dtype=float, order="C")
-        self._sweep(
-            steps,
-            address(sweep.h),
-            address(sweep.nodes),
-            count,
-            size,
-            address(sweep.table),
-            address(coefficients),
-            address(path),
-            len(stops),
-            address(stops),
-            address(self._work),
-            address(derivatives),
-            address(watched),
-        )
-        derivatives = derivatives.transpose(0, 2, 3, 1).reshape(len(stops), scheme.rows, scheme.inputs * size)
-        return Swept(path, derivatives, watched)
+            self._work_at = address(self._work)
+
+    def _placed(self, grid: Grid) -> tuple[int, int, int]:
+        """Where the arrays of a grid are: asking takes as long as some steps do."""
+        found = self._places[grid] = address(grid.h), address(grid.nodes), address(grid.table)
+        return found
+
+
+@lru_cache(maxsize=64)
+def _stops(stops: tuple[int, ...]) -> tuple[Array, int]:
+    """The numbers of steps as the kernel reads them, and where they are."""
+    numbers = np.array(stops, dtype=np.int64)
+    return numbers, address(numbers)
