@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 """Draws the pictures that Markdown shows, small, into problems/pictures/. Run: .venv/bin/python scripts/pictures.py
 
-The report's needs the extra `test` and a chromium on the PATH; without the latter it is left as it is. With names of
-problems: only their motions.
+The report's and the film need the extra `test` and a chromium on the PATH, without which they are left as they are.
+With names of problems: only their motions.
 """
 
 from __future__ import annotations
@@ -10,10 +10,14 @@ from __future__ import annotations
 import shutil
 import sys
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import functional_flow
+import numpy as np
 from goals import paper_task
 from matplotlib.figure import Figure
 
@@ -24,7 +28,8 @@ from nhpocp.views.style import sheet
 
 ROOT = Path(__file__).resolve().parents[1]
 PICTURES = ROOT / "problems" / "pictures"
-SHOWN = {"paper": ("robot",), "paper_conjecture": ("controls", "relative_pose", "margins")}
+SHOWN = {"paper_conjecture": ("controls", "relative_pose", "margins")}
+FRAMES, TRIMMED = 26, 70  # of the film, pixels off its top
 MAPPED = "paper_conjecture"  # the map of its singularities
 
 
@@ -42,7 +47,7 @@ def main() -> None:
         for picture in SHOWN.get(file.stem, ()):
             save(getattr(figures, picture)(solution), f"{file.stem}_{picture}")
         if file.stem == "paper":
-            photograph_report()
+            photograph_comparison()
     if not sys.argv[1:]:
         draw_singularities()
         draw_functional_flow()
@@ -91,32 +96,74 @@ def draw_functional_flow() -> None:
     save(functional_flow.figure(times, values, found), "functional_flow")
 
 
-def photograph_report() -> None:
-    """The comparison's page from its verdict to its first figure, half size."""
-    from PIL import Image
+@contextmanager
+def browser() -> Iterator[Any]:
+    """A chromium, or None where there is none."""
     from playwright.sync_api import sync_playwright
 
-    browser = shutil.which("chromium")
-    if browser is None:
+    program = shutil.which("chromium")
+    if program is None:
+        yield None
         return
-    with tempfile.TemporaryDirectory() as folder, sync_playwright() as running:
-        page, shot = Path(folder) / "report.html", Path(folder) / "report.png"
-        problem = nhpocp.load_problem(ROOT / "problems" / "paper.yaml")  # another: nothing of it is built yet
-        nhpocp.write_report(nhpocp.compare([problem]), page)
-        opened = running.chromium.launch(executable_path=browser, args=["--no-sandbox", "--disable-gpu"])
-        tab = opened.new_page(viewport={"width": 1200, "height": 900}, device_scale_factor=1.2)
-        tab.goto(page.as_uri())
-        first = tab.get_by_role("heading", name="Verdict").bounding_box()
-        last = tab.locator("figure").first.bounding_box()
-        if first is None or last is None:
-            raise RuntimeError("the report shows neither verdict nor figure")
-        top, left = first["y"] - 8, first["x"] - 8
-        size = {"width": last["width"] + 16, "height": last["y"] + last["height"] + 8 - top}
-        tab.screenshot(path=shot, full_page=True, clip={"x": left, "y": top, **size})
+    with sync_playwright() as running:
+        opened = running.chromium.launch(executable_path=program, args=["--no-sandbox", "--disable-gpu"])
+        yield opened
         opened.close()
-        with Image.open(shot) as image:
-            small = image.convert("L").resize((620, round(620 * image.height / image.width)))
-            small.quantize(16).save(PICTURES / "paper_report.png", optimize=True)
+
+
+def photograph_comparison() -> None:
+    """The comparison of `problems/paper.yaml` as its pages show it: what is asserted, and the robot on its way."""
+    problem = nhpocp.load_problem(ROOT / "problems" / "paper.yaml")  # another: nothing of it is built yet
+    comparison = nhpocp.compare([problem])
+    with tempfile.TemporaryDirectory() as folder, browser() as opened:
+        if opened is not None:
+            photograph_report(opened, nhpocp.write_report(comparison, Path(folder) / "report.html"))
+            film_animation(
+                opened, nhpocp.write_animation(comparison.entries, Path(folder) / "animation.html")
+            )
+
+
+def photograph_report(opened: Any, page: Path) -> None:
+    """From its verdict to its first figure, half size."""
+    from PIL import Image
+
+    tab = opened.new_page(viewport={"width": 1200, "height": 900}, device_scale_factor=1.2)
+    tab.goto(page.as_uri())
+    first = tab.get_by_role("heading", name="Verdict").bounding_box()
+    last = tab.locator("figure").first.bounding_box()
+    if first is None or last is None:
+        raise RuntimeError("the report shows neither verdict nor figure")
+    top, left = first["y"] - 8, first["x"] - 8
+    size = {"width": last["width"] + 16, "height": last["y"] + last["height"] + 8 - top}
+    shot = tab.screenshot(full_page=True, clip={"x": left, "y": top, **size})
+    with Image.open(BytesIO(shot)) as image:
+        small = image.convert("L").resize((620, round(620 * image.height / image.width)))
+        small.quantize(16).save(PICTURES / "paper_report.png", optimize=True)
+
+
+def film_animation(opened: Any, page: Path) -> None:
+    """Both methods' robots on one clock, forth and held for a moment at both ends."""
+    from PIL import Image
+
+    tab = opened.new_page(viewport={"width": 1000, "height": 800})
+    tab.goto(page.as_uri())
+    first, last = (tab.locator(f"#scene-{run}").bounding_box() for run in (0, 1))
+    if first is None or last is None:
+        raise RuntimeError("the page shows no scenes")
+    size = {"width": last["x"] + last["width"] - first["x"], "height": first["height"] - TRIMMED}
+    clip = {"x": first["x"], "y": first["y"] + TRIMMED, **size}
+    frames = []
+    for time in np.linspace(0.0, 1.0, FRAMES):
+        tab.evaluate(f"window.nhpocp.seek({time})")
+        tab.wait_for_timeout(50)
+        with Image.open(BytesIO(tab.screenshot(clip=clip))) as image:
+            small = image.convert("RGB").resize((720, round(720 * image.height / image.width)))
+        frames.append(small)
+    palette = frames[FRAMES // 2].quantize(200)  # with fewer, legs lose theirs to greys
+    frames = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
+    durations = [1200, *[80] * (FRAMES - 2), 2000]
+    target = PICTURES / "paper_playing.gif"
+    frames[0].save(target, save_all=True, append_images=frames[1:], duration=durations, loop=0, optimize=True)
 
 
 if __name__ == "__main__":

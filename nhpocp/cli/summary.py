@@ -187,11 +187,14 @@ def _comparison_table(
     beside = [file.with_name(name) for name in ("comparison.csv", "comparison.json")]
     for path in [file, *beside, *animations, *filter(None, (entry.folder for entry in comparison.entries))]:
         console.print(f"  {path}", soft_wrap=True)
-    _next(console, _after(comparison, tasks))
+    _next(console, _after(comparison, tasks, bool(animations)))
 
 
-def _after(comparison: Comparison, tasks: Mapping[str, str]) -> list[str]:
-    """Commands that fit the first run that failed; else those that show what was found for the first problem."""
+def _after(comparison: Comparison, tasks: Mapping[str, str], animated: bool) -> list[str]:
+    """Commands that fit the first run that failed; else one that shows what was found for the first problem.
+
+    ``animated``: whether its page is there already; then as a film for slides.
+    """
     for entry in comparison.entries:
         name = entry.solution.problem.name
         if not entry.solution.converged and entry.folder:
@@ -200,7 +203,8 @@ def _after(comparison: Comparison, tasks: Mapping[str, str]) -> list[str]:
     shown = (
         [entry.folder for entry in comparison.groups[0].entries if entry.folder] if comparison.groups else []
     )
-    return [f"nhpocp animate {shlex.join(shown)}"] if shown else []
+    film = " --format gif" if animated else ""
+    return [f"nhpocp animate {shlex.join(shown)}{film}"] if shown else []
 
 
 # --- what to do next ------------------------------------------------------------------------------------------------
