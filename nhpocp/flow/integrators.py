@@ -130,7 +130,7 @@ class RungeKuttaFlow:
 
     def _forwards(self, functions: Scheme, sweep: Sweep) -> Swept:
         """dy/dλ from the first step to the last: one pass for any number of stops."""
-        path, tape = functions.taped_path(sweep)
+        path, tape, watched = functions.taped_path(sweep)
         ends = list(sweep.stops)
         steps, size, inputs = len(sweep.h), functions.size, functions.inputs
         by_state, by_controls = call(mapped(functions.blocks, steps), tape, sweep.h)
@@ -143,7 +143,7 @@ class RungeKuttaFlow:
             along[k + 1] = by_state[k] @ along[k] + driven[k]
         (matrices,) = call(mapped(functions.observed, len(ends)), path[ends])
         derivatives = matrices.reshape(len(ends), size, functions.rows).swapaxes(1, 2) @ along[ends]
-        return Swept(path, derivatives, functions.watched_along(path))
+        return Swept(path, derivatives, watched)
 
 
 def _control_nodes(basis: ControlBasis, horizon: float, times: Array) -> tuple[Array, Array]:

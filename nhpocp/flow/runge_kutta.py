@@ -129,11 +129,11 @@ class Scheme:
 
     @cached_property
     def taped(self) -> ca.Function:
-        """`step` with the `factors` at its four points: what they have in common is worked out once."""
+        """(y, h, u) ↦ (y⁺, the `factors` at the four points, `watched` at y): what is common is worked out once."""
         y, h, u = self._step_symbols()
         following, points = _stages(self.rate, y, h, u)
         slopes = [self.factors(Y, u[:, place]) for Y, (_, place, _) in zip(points, TABLEAU, strict=True)]
-        outputs = [ca.densify(following), ca.horzcat(*slopes)]
+        outputs = [ca.densify(following), ca.horzcat(*slopes), ca.densify(self.watched(y))]
         return ca.Function("taped", [y, h, u], ca.cse(outputs))
 
     @cached_property
@@ -174,10 +174,11 @@ class Scheme:
         outputs = [ca.densify(by_state.T), ca.densify(ca.horzcat(*by_controls).T)]
         return ca.Function("blocks", [tape, h], ca.cse(outputs))
 
-    def taped_path(self, sweep: Sweep) -> tuple[Array, Array]:
-        """The path (steps + 1, n) and the factors at all points (4 steps, …)."""
-        found, tape = call(accumulated(self.taped, len(sweep.h)), sweep.start, sweep.h, sweep.controls())
-        return np.vstack([sweep.start, found]), tape
+    def taped_path(self, sweep: Sweep) -> tuple[Array, Array, Array]:
+        """The path (steps + 1, n), the factors at all stages (4 steps, …), and what is watched (steps + 1, …)."""
+        steps = accumulated(self.taped, len(sweep.h))
+        found, tape, watched = call(steps, sweep.start, sweep.h, sweep.controls())
+        return np.vstack([sweep.start, found]), tape, np.vstack([watched, self.watched_along(found[-1:])])
 
     def watched_along(self, path: Array) -> Array:
         """What is watched at every point of a path, (k, …)."""
@@ -189,7 +190,7 @@ class Scheme:
             path = walked(self.rate, sweep)
             derivatives = np.empty((0, self.rows, sweep.coefficients.size))
             return Swept(path, derivatives, self.watched_along(path))
-        path, tape = self.taped_path(sweep)
+        path, tape, watched = self.taped_path(sweep)
         tape = tape.reshape(len(sweep.h), 4, -1)
         gradients = np.zeros((len(sweep.stops), self.rows, self.inputs, len(sweep.table)))
         places = self.costates.get_triplet()
@@ -207,7 +208,7 @@ class Scheme:
         with np.errstate(all="ignore"):
             derivatives = gradients.reshape(-1, len(sweep.table)) @ sweep.table
         derivatives = derivatives.reshape(len(sweep.stops), self.rows, -1)
-        return Swept(path, derivatives, self.watched_along(path))
+        return Swept(path, derivatives, watched)
 
     def _step_symbols(self) -> tuple[ca.SX, ca.SX, ca.SX]:
         return self._y, ca.SX.sym("h"), ca.SX.sym("u", self.inputs, 3)
