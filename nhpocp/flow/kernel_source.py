@@ -16,6 +16,7 @@ from nhpocp.flow.kernel_cache import NotCompilableError
 from nhpocp.flow.runge_kutta import Scheme
 
 LANES = 8  # samples side by side
+TILE = 4  # basis functions that are summed against at once
 
 _FUNCTION = re.compile(r"\nstatic int casadi_f\d+\(.*?\) \{\n(.*?)\n  return 0;\n\}", re.DOTALL)
 _INPUT = re.compile(r"arg\[(\d)\]\? arg\[\1\]\[(\d+)\] : 0")
@@ -24,14 +25,17 @@ _OTHER = re.compile(r"\b(arg|res|iw|w)\b")
 _HELPER = re.compile(r"^casadi_real casadi_", re.MULTILINE)
 
 _LOOPS = r"""
-enum {{ N = {size}, M = {inputs}, R = {rows}, E = {entries}, L = {lanes}, LR = {row_lanes} }};
+enum {{ N = {size}, M = {inputs}, R = {rows}, E = {entries}, L = {lanes}, LR = {row_lanes}, T = {tile} }};
+
+/* compilers leave out what is called twice, and with it a third of the speed */
+#define INLINED static inline __attribute__((always_inline))
 
 /* where value j of sample s stands among samples of `size` values each */
 #define AT(s, j, size) ((((s) / L) * (size) + (j)) * L + (s) % L)
 
 /* y+ and the points of the stages; u: three controls */
-static inline void step(const double *restrict y, double h, const double *const *restrict u,
-                        double *restrict next, double *restrict points) {{
+INLINED void step(const double *restrict y, double h, const double *const *restrict u,
+                  double *restrict next, double *restrict points) {{
 #define X0(j) y[j]
 #define X1(j) h
 #define X2(j) u[(j) / M][(j) % M]
@@ -60,8 +64,8 @@ static void slopes(const double *restrict samples, double *restrict tape) {{
 }}
 
 /* rows before a step and their derivatives by its controls; tape: that of the step's first stage */
-static inline void pull(const double *restrict c, const double *restrict tape, double h,
-                        double *restrict before, double *restrict gradients) {{
+INLINED void pull(const double *restrict c, const double *restrict tape, double h,
+                  double *restrict before, double *restrict gradients) {{
 #pragma omp simd
   for (int l = 0; l < LR; ++l) {{
 #define X0(j) c[(j) * LR + l]
@@ -96,6 +100,19 @@ static void observe(const double *restrict y, double *restrict matrix) {{
 {observed}
 #undef X0
 #undef Y0
+}}
+
+/* gradients summed against so many neighbouring basis functions */
+INLINED void against_basis(const int functions, long long count, long long size, const double *restrict table,
+                           const double *restrict gradients, double *restrict found) {{
+  double sums[T * R * M] = {{0.0}};
+  for (long long q = 0; q < count; ++q)
+    for (int f = 0; f < functions; ++f) {{
+      const double *at = gradients + q * R * M, value = table[q * size + f];
+#pragma omp simd
+      for (int j = 0; j < R * M; ++j) sums[f * R * M + j] += value * at[j];
+    }}
+  for (int j = 0; j < functions * R * M; ++j) found[j] = sums[j];
 }}
 
 /* y: steps + 1 states, the first given. nodes: for each step, which rows of the table of basis functions, count x size,
@@ -145,15 +162,10 @@ CASADI_SYMBOL_EXPORT void nhpocp_sweep(long long steps, const double *h, const l
           for (int j = 0; j < M; ++j) at[r * M + j] += g[(i * M + j) * LR + r];
       }}
     }}
-    for (long long f = 0; f < size; ++f) {{
-      double sums[R * M] = {{0.0}};
-      for (long long q = 0; q < count; ++q) {{
-        const double *at = gradients + q * R * M, value = table[q * size + f];
-#pragma omp simd
-        for (int j = 0; j < R * M; ++j) sums[j] += value * at[j];
-      }}
-      for (int j = 0; j < R * M; ++j) derivatives[(s * size + f) * R * M + j] = sums[j];
-    }}
+    double *found = derivatives + s * size * R * M;
+    long long f = 0;
+    for (; f + T <= size; f += T) against_basis(T, count, size, table + f, gradients, found + f * R * M);
+    for (; f < size; ++f) against_basis(1, count, size, table + f, gradients, found + f * R * M);
   }}
 }}
 """
@@ -179,6 +191,7 @@ def c_source(scheme: Scheme) -> str:
         entries=scheme.entries,
         lanes=LANES,
         row_lanes=_row_lanes(scheme.rows),
+        tile=TILE,
         watches=scheme.watches,
         **{"slopes": "", "watched": "", **dict(zip(functions, bodies, strict=True))},
     )
