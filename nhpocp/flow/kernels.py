@@ -86,12 +86,12 @@ class Compiled(_Way):
 class CompiledWhenReady(_Way):
     """By a kernel once looking for one has paid: no run is slower for it.
 
-    The cache is asked when CasADi's evaluation has cost ``patience`` seconds or is about to, ten times as long as
+    The cache is asked when CasADi's evaluation has cost ``patience`` seconds or is about to, six times as long as
     asking takes. What is not there is then built by a process of its own, at the lowest priority, and taken when later
     work finds it. NHPOCP_COMPILE=never in the environment switches this off.
     """
 
-    patience: float = 0.3
+    patience: float = 0.15
 
     def wanted(self, place: Place[K], agrees: Callable[[K], bool], foreseen: float) -> K | None:
         due = place.untried and place.seconds + foreseen > self.patience

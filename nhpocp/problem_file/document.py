@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path as FilePath
 from typing import Any
 
@@ -121,8 +122,9 @@ def _mark_at(text: str, index: int) -> Mark:
     return Mark(text.count("\n", 0, index) + 1, index - (text.rfind("\n", 0, index) + 1) + 1)
 
 
+@lru_cache(maxsize=8)  # a text is read again to see whether it still says what it said
 def parse(text: str, file: str | None = None) -> Document:
-    """The one mapping that a YAML text holds.
+    """The one mapping that a YAML text holds; read it, do not change it.
 
     Errors: `InvalidProblemError` with line and column.
     """
