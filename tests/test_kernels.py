@@ -282,6 +282,32 @@ def test_two_processes_at_once(numbers, cache):
     assert len(list(cache.iterdir())) == 1
 
 
+@needs_compiler
+def test_threads_share_a_kernel_and_its_memory(cache):
+    """Sweeps of growing length at once: what one thread works in is not freed under it by another."""
+    problem, steps = paper_problem(), [10, 400, 30, 200, 800, 50] * 10
+    values = coefficients(problem.basis)
+
+    def swept(count):
+        integrator = RungeKutta4(count, Compiled())
+        return DifferentiatedEndPointMap(problem.system, problem.basis, 1.0, problem.start_point, integrator)(
+            values
+        ).jacobian
+
+    expected = {count: swept(count) for count in sorted(set(steps), reverse=True)}
+    forget()
+    swept(10)
+    before = sys.getswitchinterval()
+    try:
+        sys.setswitchinterval(1e-6)
+        with ThreadPoolExecutor(4) as pool:
+            found = list(pool.map(swept, steps))
+    finally:
+        sys.setswitchinterval(before)
+    for count, jacobian in zip(steps, found, strict=True):
+        np.testing.assert_array_equal(jacobian, expected[count])
+
+
 # --- the intervals of an NLP ------------------------------------------------------------------------------------
 
 

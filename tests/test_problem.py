@@ -93,6 +93,18 @@ def test_free_goal_blocks_have_no_error_rows_and_no_weight(names, rows, weights)
     assert np.allclose(np.delete(difference, rows), 0)
 
 
+def test_another_goal_is_checked_and_leaves_nothing_of_the_first():
+    first = problem()
+    here = first.tasks, first.goal_point  # worked out and kept beside it
+    goal = {"position": [1.0, 2.0, 30.0]}
+    other, made = first.towards(goal), problem(goal=goal)
+    np.testing.assert_array_equal(other.goal_point, made.goal_point)
+    assert other.tasks[-1].rows.tolist() == made.tasks[-1].rows.tolist()
+    assert (first.tasks, first.goal_point) == here
+    with pytest.raises(InvalidProblemError, match="expected some of"):
+        first.towards({"place": [0, 0, 0]})
+
+
 def test_points_are_packed_and_read_only_copies():
     position = np.array([0.0, 0, 25])
     found = problem(start={**POSE, "position": position})

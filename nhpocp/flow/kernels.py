@@ -84,11 +84,11 @@ class Compiled(_Way):
 
 @dataclass(frozen=True)
 class CompiledWhenReady(_Way):
-    """By a kernel once looking for one has paid: no run is slower for it.
+    """By a kernel once looking for one is likely to pay.
 
-    The cache is asked when CasADi's evaluation has cost ``patience`` seconds or is about to, six times as long as
-    asking takes. What is not there is then built by a process of its own, at the lowest priority, and taken when later
-    work finds it. NHPOCP_COMPILE=never in the environment switches this off.
+    The cache is asked when CasADi's evaluation has cost ``patience`` seconds or is about to, some six times as long as
+    asking takes, which is all that a run can lose. What is not there is then built by a process of its own, at the
+    lowest priority, and taken when later work finds it. NHPOCP_COMPILE=never in the environment switches this off.
     """
 
     patience: float = 0.15

@@ -31,14 +31,14 @@ class SweepKernel:
         self._sweep.argtypes = [
             ctypes.c_longlong if kind == "i" else ctypes.c_void_p for kind in "ippiipppipppp"
         ]
-        self._scheme, self._work, self._work_at = scheme, np.zeros(0), 0
+        self._scheme, self._work = scheme, (np.zeros(0), 0)  # and where it is
         self._places: WeakKeyDictionary[Grid, tuple[int, int, int]] = WeakKeyDictionary()
 
     def swept(self, sweep: Sweep) -> Swept:
         """As `Kernels.swept`."""
         scheme, grid = self._scheme, sweep.grid
         steps, (count, size) = len(grid.h), grid.table.shape
-        self._make_room(steps, count)
+        _work, work_at = self._room(steps, count)  # held: another thread may ask for more meanwhile
         h, nodes, table = self._places.get(grid) or self._placed(grid)
         stops, stops_at = _stops(sweep.stops)
         entries = size * scheme.rows * scheme.inputs
@@ -59,7 +59,7 @@ class SweepKernel:
             at,
             len(stops),
             stops_at,
-            self._work_at,
+            work_at,
             at + 8 * first,
             at + 8 * second,
         )
@@ -71,14 +71,16 @@ class SweepKernel:
             watched.reshape(steps + 1, scheme.watches),
         )
 
-    def _make_room(self, steps: int, count: int) -> None:
+    def _room(self, steps: int, count: int) -> tuple[Array, int]:
+        """Memory for so many steps and nodes, and where it is."""
         scheme = self._scheme
         samples = LANES * -(-4 * steps // LANES)
         wanted = samples * (scheme.size + scheme.inputs + scheme.entries)
         wanted += count * scheme.inputs * (scheme.rows + 1)
-        if self._work.size < wanted:
-            self._work = np.zeros(wanted)
-            self._work_at = address(self._work)
+        if self._work[0].size < wanted:
+            more = np.zeros(wanted)
+            self._work = more, address(more)
+        return self._work
 
     def _placed(self, grid: Grid) -> tuple[int, int, int]:
         """Where the arrays of a grid are: asking takes as long as some steps do."""
