@@ -18,7 +18,7 @@ from nhpocp.machine import compiler, machine
 
 Name = TypeVar("Name", bound=Hashable)
 SCRIPTS = Path(__file__).parent
-ROUND = 0.01  # seconds at least for one way in one round
+ROUND = 0.1  # seconds at least for one way in one round
 
 
 def warm(run: Callable[[], object]) -> float:

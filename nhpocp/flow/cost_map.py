@@ -54,15 +54,13 @@ def _with_quadrature(system: System, name: str, scale: float) -> Dynamics:
     x = y[:n]
     integrand = ca.SX(INTEGRANDS[name](system, x, u, scale))
     rate = ca.densify(ca.vertcat(numeric.rate_function(x, u), integrand))
-    D, A, C = numeric.linearised_function(x, u)
-    D = ca.vertcat(D, ca.gradient(integrand, ca.vertcat(x, u)).T)
-    D, C = (ca.horzcat(part[:, :n], ca.SX(part.size1(), 1), part[:, n:]) for part in (D, C))
-    linearised = [D, ca.vertcat(A, ca.SX(1, A.size2())), C]
+    both = ca.vertcat(numeric.linearised_function(x, u), ca.gradient(integrand, ca.vertcat(x, u)).T)
+    linearised = ca.horzcat(both[:, :n], ca.SX(n + 1, 1), both[:, n:])  # nothing depends on the integral
     last = ca.DM.zeros(1, n + 1)
     last[n] = 1.0
     return Dynamics(
         ca.Function("cost_rate", [y, u], [rate]),
-        ca.Function("cost_linearised", [y, u], ca.cse([ca.sparsify(part) for part in linearised])),
+        ca.Function("cost_linearised", [y, u], [ca.sparsify(ca.cse(linearised))]),
         ca.Function("last", [y], [last]),
     )
 

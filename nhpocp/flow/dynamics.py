@@ -16,8 +16,8 @@ from nhpocp.systems.system import System
 class Dynamics:
     """ẏ = rate(y, u), y ∈ R^n, u ∈ R^m, as CasADi functions.
 
-    linearised: (y, u) ↦ sparse D, A, C with [∂rate/∂y, ∂rate/∂u] = D + A C, n × (n + m), where one is known that is
-    cheaper than what CasADi's AD finds.
+    linearised: (y, u) ↦ [∂rate/∂y, ∂rate/∂u], n × (n + m), sparse; where one is known that is cheaper than what
+    CasADi's AD finds.
     observed: y ↦ matrix (rows × n), by which dy/dλ is multiplied; None: all of it. Few rows are cheap.
     watched: y ↦ numbers (k,) that are wanted at every point of a path; None: none.
     """

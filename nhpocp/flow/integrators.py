@@ -124,26 +124,16 @@ class RungeKuttaFlow:
         functions = scheme(self._dynamics)
         sweep = self._sweep(start, coefficients, [range(len(self.times))[stop] for stop in stops])
         if len(stops) * functions.rows > sweep.coefficients.size:
-            with np.errstate(all="ignore"):  # a path that runs away is the caller's to judge
-                return self._forwards(functions, sweep)
+            return self._forwards(functions, sweep)
         return self._kernels.swept(functions, sweep)
 
     def _forwards(self, functions: Scheme, sweep: Sweep) -> Swept:
         """dy/dλ from the first step to the last: one pass for any number of stops."""
-        path, tape, watched = functions.taped_path(sweep)
-        ends = list(sweep.stops)
-        steps, size, inputs = len(sweep.h), functions.size, functions.inputs
-        by_state, by_controls = call(mapped(functions.blocks, steps), tape, sweep.h)
-        by_state = by_state.reshape(steps, size, size)
-        by_controls = by_controls.reshape(steps, size, 3, inputs)
-        driven = np.einsum("knjm,kjf->knmf", by_controls, sweep.table[sweep.nodes])
-        driven = driven.reshape(steps, size, -1)
-        along = np.zeros((steps + 1, size, driven.shape[2]))
-        for k in range(steps):
-            along[k + 1] = by_state[k] @ along[k] + driven[k]
+        steps, ends = functions.linearised(sweep), list(sweep.stops)
+        path, along = steps.path, steps.pushed_on(sweep.grid.basis)[ends]
         (matrices,) = call(mapped(functions.observed, len(ends)), path[ends])
-        derivatives = matrices.reshape(len(ends), size, functions.rows).swapaxes(1, 2) @ along[ends]
-        return Swept(path, derivatives, watched)
+        derivatives = matrices.reshape(len(ends), functions.size, functions.rows).swapaxes(1, 2) @ along
+        return Swept(path, derivatives, functions.watched_along(path))
 
 
 def _control_nodes(basis: ControlBasis, horizon: float, times: Array) -> tuple[Array, Array]:

@@ -17,11 +17,12 @@ import casadi as ca
 import numpy as np
 
 from nhpocp.arrays import Array
-from nhpocp.calls import accumulated, call, mapped
+from nhpocp.calls import accumulated, call, lent, side_by_side
 from nhpocp.flow.dynamics import Dynamics
 
 # a_i, which of the three controls, w_i
 TABLEAU = ((0.0, 0, 1.0), (0.5, 1, 2.0), (0.5, 1, 2.0), (1.0, 2, 1.0))
+PLACES = np.array([place for _, place, _ in TABLEAU])
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,6 +32,11 @@ class Grid:
     h: Array  # step lengths (steps,)
     nodes: Array  # where φ at the start, middle and end of each step stands in the table, (steps, 3)
     table: Array  # (nodes, size)
+
+    @cached_property
+    def basis(self) -> Array:
+        """φ at the start, middle and end of each step, (steps, 3, size)."""
+        return self.table[self.nodes]
 
 
 class Sweep(NamedTuple):
@@ -45,22 +51,14 @@ class Sweep(NamedTuple):
     def h(self) -> Array:
         return self.grid.h
 
-    @property
-    def nodes(self) -> Array:
-        return self.grid.nodes
-
-    @property
-    def table(self) -> Array:
-        return self.grid.table
-
     def first(self, steps: int) -> Sweep:
         """A shorter one, with one stop at its end."""
-        grid = Grid(self.h[:steps], self.nodes[:steps], self.table)
+        grid = Grid(self.h[:steps], self.grid.nodes[:steps], self.grid.table)
         return self._replace(grid=grid, stops=(len(grid.h),))
 
     def controls(self) -> Array:
         """u at the start, middle and end of each step, (steps, 3, m)."""
-        return (self.table @ self.coefficients.T)[self.nodes]
+        return (self.grid.table @ self.coefficients.T)[self.grid.nodes]
 
 
 class Swept(NamedTuple):
@@ -81,24 +79,19 @@ class Scheme:
         self.size, self.inputs = rate.size1_in(0), rate.size1_in(1)
         self._y, self._u = ca.SX.sym("y", self.size), ca.SX.sym("u", self.inputs)
         whole = ca.DM.eye(self.size)
-        self._observed = ca.sparsify(ca.SX(whole if observed is None else observed(self._y)))
+        self._observed = ca.SX(whole if observed is None else observed(self._y))
         self._watched = ca.SX(0, 1) if watched is None else watched(self._y)
         self.rows, self.watches = self._observed.size1(), self._watched.size1()
-        self._slopes = (
-            [differentiated(rate, self._y, self._u)]
+        self._slopes = _Packed(
+            differentiated(rate, self._y, self._u)
             if linearised is None
-            else [ca.SX(part) for part in linearised(self._y, self._u)]
+            else ca.SX(linearised(self._y, self._u))
         )
-        self._factors = _Packed(self._slopes)
-
-    @cached_property
-    def _product(self) -> _Packed:
-        return _Packed([_multiplied(self._slopes)])
 
     @cached_property
     def entries(self) -> int:
         """Numbers that `slopes` gives."""
-        return int(self._product.numbers.numel())
+        return int(self._slopes.numbers.numel())
 
     @cached_property
     def observed(self) -> ca.Function:
@@ -113,105 +106,94 @@ class Scheme:
     @cached_property
     def step(self) -> ca.Function:
         """(y, h, [u at start, middle, end]) ↦ (y⁺, points n × 4)."""
-        y, h, u = self._step_symbols()
+        y, h, u = self._y, ca.SX.sym("h"), ca.SX.sym("u", self.inputs, 3)
         following, points = _stages(self.rate, y, h, u)
         return ca.Function("step", [y, h, u], [ca.densify(following), ca.densify(ca.horzcat(*points))])
 
     @cached_property
     def slopes(self) -> ca.Function:
-        """(y, u) ↦ the entries of [F, B], for many lanes at once."""
-        return ca.Function("slopes", [self._y, self._u], [self._product.numbers])
-
-    @cached_property
-    def factors(self) -> ca.Function:
-        """(y, u) ↦ what [F, B] is made of: fewer operations, where they are done one by one."""
-        return ca.Function("factors", [self._y, self._u], [self._factors.numbers])
-
-    @cached_property
-    def taped(self) -> ca.Function:
-        """(y, h, u) ↦ (y⁺, the `factors` at the four points, `watched` at y): what is common is worked out once."""
-        y, h, u = self._step_symbols()
-        following, points = _stages(self.rate, y, h, u)
-        slopes = [self.factors(Y, u[:, place]) for Y, (_, place, _) in zip(points, TABLEAU, strict=True)]
-        outputs = [ca.densify(following), ca.horzcat(*slopes), ca.densify(self.watched(y))]
-        return ca.Function("taped", [y, h, u], ca.cse(outputs))
+        """(y, u) ↦ the entries of [F, B]."""
+        return ca.Function("slopes", [self._y, self._u], [self._slopes.numbers])
 
     @cached_property
     def pulled_row(self) -> ca.Function:
         """(one row c as a column, slopes, h) ↦ (c before the step, its derivatives by the three controls, m × 3)."""
         row, h = ca.SX.sym("c", self.size), ca.SX.sym("h")
-        tape, stages = self._product.stages()
+        tape, stages = self._slopes.stages()
         before, gradients = _pulled(row.T, stages, h)
         outputs = [ca.densify(before.T), ca.densify(ca.horzcat(*(g.T for g in gradients)))]
         return ca.Function("pulled_row", [row, tape, h], ca.cse(outputs))
 
     @cached_property
-    def costates(self) -> ca.Sparsity:
-        """Where the wanted rows, pulled back through any number of steps, can have entries."""
-        h, (_, stages) = ca.SX.sym("h"), self._factors.stages()
-        pattern = self._observed.sparsity()
-        while True:
-            before, _ = _pulled(ca.SX.sym("c", pattern), stages, h)
-            wider = pattern + before.sparsity()
-            if wider == pattern:
-                return pattern
-            pattern = wider
-
-    @cached_property
-    def pulled(self) -> ca.Function:
-        """(entries of `costates`, factors, h) ↦ (the same before the step, derivatives by the controls, 3 m × rows)."""
-        h, (tape, stages) = ca.SX.sym("h"), self._factors.stages()
-        entries = ca.SX.sym("c", self.costates.nnz())
-        before, gradients = _pulled(ca.SX(self.costates, entries), stages, h)
-        outputs = [_entries(before, self.costates), ca.densify(ca.horzcat(*gradients).T)]
-        return ca.Function("pulled", [entries, tape, h], ca.cse(outputs))
-
-    @cached_property
     def blocks(self) -> ca.Function:
-        """(factors, h) ↦ the derivatives of a step by its first state, n × n, and its controls, n × 3 m; transposed."""
-        h, (tape, stages) = ca.SX.sym("h"), self._factors.stages()
+        """(slopes, h) ↦ the derivatives of a step by its first state, n × n, and its controls, n × 3 m; transposed."""
+        h, (tape, stages) = ca.SX.sym("h"), self._slopes.stages()
         by_state, by_controls = _pulled(ca.SX.eye(self.size), stages, h)
         outputs = [ca.densify(by_state.T), ca.densify(ca.horzcat(*by_controls).T)]
         return ca.Function("blocks", [tape, h], ca.cse(outputs))
 
-    def taped_path(self, sweep: Sweep) -> tuple[Array, Array, Array]:
-        """The path (steps + 1, n), the factors at all stages (4 steps, …), and what is watched (steps + 1, …)."""
-        steps = accumulated(self.taped, len(sweep.h))
-        found, tape, watched = call(steps, sweep.start, sweep.h, sweep.controls())
-        return np.vstack([sweep.start, found]), tape, np.vstack([watched, self.watched_along(found[-1:])])
+    def linearised(self, sweep: Sweep) -> Linearised:
+        """The path, and what every step makes of changes of its state and controls; by CasADi's own evaluation.
+
+        Good until the thread's next call.
+        """
+        h, controls, n = sweep.h, sweep.controls(), self.size
+        found, points = lent(accumulated(self.step, len(h)), sweep.start, h, controls)
+        path = np.concatenate([sweep.start[None], found])
+        (slopes,) = lent(side_by_side(self.slopes, len(points)), points, controls.take(PLACES, axis=1))
+        by_state, by_controls = lent(side_by_side(self.blocks, len(h)), slopes, h)
+        return Linearised(path, by_state.reshape(-1, n, n), by_controls.reshape(len(h), n, -1))
 
     def watched_along(self, path: Array) -> Array:
         """What is watched at every point of a path, (k, …)."""
-        return call(mapped(self.watched, len(path)), path)[0] if self.watches else np.empty((len(path), 0))
+        if not self.watches:
+            return np.empty((len(path), 0))
+        return call(side_by_side(self.watched, len(path)), path)[0]
 
     def swept(self, sweep: Sweep) -> Swept:
         """By CasADi's own evaluation."""
+        derivatives = np.zeros((len(sweep.stops), self.rows, sweep.coefficients.size))
         if not len(sweep.stops):
             path = walked(self.rate, sweep)
-            derivatives = np.empty((0, self.rows, sweep.coefficients.size))
             return Swept(path, derivatives, self.watched_along(path))
-        path, tape, watched = self.taped_path(sweep)
-        tape = tape.reshape(len(sweep.h), 4, -1)
-        gradients = np.zeros((len(sweep.stops), self.rows, self.inputs, len(sweep.table)))
-        places = self.costates.get_triplet()
-        for found, stop in zip(gradients, sweep.stops, strict=True):
-            if not stop:
-                continue  # y(0) is given
-            (matrix,) = call(self.observed, path[stop])
-            rows = matrix.reshape(self.size, self.rows).T[tuple(places)]
-            back = accumulated(self.pulled, stop)
-            _, by_controls = call(back, rows, tape[:stop][::-1], sweep.h[:stop][::-1])
-            by_controls = by_controls.reshape(stop, self.rows, 3, self.inputs)[::-1].transpose(2, 1, 3, 0)
-            with np.errstate(all="ignore"):  # a path that runs away is the caller's to judge
-                for column, values in zip(sweep.nodes[:stop].T, by_controls, strict=True):
-                    found[:, :, column] += values
-        with np.errstate(all="ignore"):
-            derivatives = gradients.reshape(-1, len(sweep.table)) @ sweep.table
-        derivatives = derivatives.reshape(len(sweep.stops), self.rows, -1)
-        return Swept(path, derivatives, watched)
+        steps = self.linearised(sweep)
+        for found, stop in zip(derivatives, sweep.stops, strict=True):
+            if stop:  # y(0) is given
+                (matrix,) = call(self.observed, steps.path[stop])
+                found[:] = steps.pulled_back(matrix.reshape(self.size, self.rows).T, sweep.grid.basis[:stop])
+        return Swept(steps.path, derivatives, self.watched_along(steps.path))
 
-    def _step_symbols(self) -> tuple[ca.SX, ca.SX, ca.SX]:
-        return self._y, ca.SX.sym("h"), ca.SX.sym("u", self.inputs, 3)
+
+@dataclass(frozen=True)
+class Linearised:
+    """Every step linearised about a path: dy_{k+1} = Φ_k dy_k + Γ_k du_k, u_k the controls at start, middle and end."""
+
+    path: Array  # y, (steps + 1, n)
+    by_state: Array  # Φ, (steps, n, n)
+    by_controls: Array  # Γ, (steps, n, 3 m)
+
+    def pulled_back(self, rows: Array, basis: Array) -> Array:
+        """Rows (r, n) of dy after as many steps as ``basis``, φ at their controls, has; by λ, (r, m·size)."""
+        steps, size = len(basis), basis.shape[2]
+        back = np.empty((steps + 1, *rows.shape))
+        back[steps] = rows
+        with np.errstate(all="ignore"):  # a path that runs away is the caller's to judge
+            for k in reversed(range(steps)):
+                back[k + 1].dot(self.by_state[k], back[k])
+            by_controls = back[1:] @ self.by_controls[:steps]
+            by_controls = by_controls.reshape(steps, len(rows), 3, -1).transpose(1, 3, 0, 2)
+            return (by_controls.reshape(-1, 3 * steps) @ basis.reshape(-1, size)).reshape(len(rows), -1)
+
+    def pushed_on(self, basis: Array) -> Array:
+        """dy by λ at every point of the path, (steps + 1, n, m·size)."""
+        steps, n = self.by_controls.shape[:2]
+        by_controls = self.by_controls.reshape(steps, n, 3, -1)
+        along = np.zeros((steps + 1, n, by_controls.shape[3] * basis.shape[2]))
+        with np.errstate(all="ignore"):
+            driven = np.einsum("knjm,kjf->knmf", by_controls, basis).reshape(steps, n, -1)
+            for k in range(steps):
+                along[k + 1] = self.by_state[k] @ along[k] + driven[k]
+        return along
 
 
 @lru_cache(maxsize=64)
@@ -250,42 +232,29 @@ def _stages(rate: ca.Function, y: ca.SX, h: ca.SX, u: ca.SX) -> tuple[ca.SX, lis
     return y + h / 6 * total, points
 
 
-def _pulled(c: ca.SX, slopes: Sequence[Sequence[ca.SX]], h: ca.SX) -> tuple[ca.SX, list[ca.SX]]:
+def _pulled(c: ca.SX, slopes: Sequence[ca.SX], h: ca.SX) -> tuple[ca.SX, list[ca.SX]]:
     """The rows c before the step, and their derivatives by the controls at start, middle and end."""
     n, before, gradients, later = c.size2(), c, [ca.SX(0)] * 3, None
     for stage, (offset, place, weight) in reversed(list(zip(slopes, TABLEAU, strict=True))):
         share = (weight / 6 * h) * c
         kappa = share if later is None else share + later
-        through = through_slopes(kappa, stage)
+        through = kappa @ stage
         gradients[place] = gradients[place] + through[:, n:]
         before = before + through[:, :n]
         later = (offset * h) * through[:, :n]
     return before, gradients
 
 
-def through_slopes(rows: ca.SX, slopes: Sequence[ca.SX]) -> ca.SX:
-    """rows @ [F, B], which is given whole, or as D, A, C with [F, B] = D + A C."""
-    if len(slopes) == 1:
-        return rows @ slopes[0]
-    D, A, C = slopes
-    return rows @ D + (rows @ A) @ C
-
-
-def _multiplied(slopes: Sequence[ca.SX]) -> ca.SX:
-    """[F, B] as one matrix."""
-    return through_slopes(ca.SX.eye(slopes[0].size1()), slopes)
-
-
 class _Packed:
-    """Sparse matrices as one column of numbers: without constants, and without what is there but for its sign."""
+    """A sparse matrix as a column of numbers: without constants, and without what is there but for its sign."""
 
-    def __init__(self, matrices: Sequence[ca.SX]) -> None:
-        matrices = ca.cse([ca.sparsify(matrix) for matrix in matrices])
-        self._patterns = [matrix.sparsity() for matrix in matrices]
+    def __init__(self, matrix: ca.SX) -> None:
+        matrix = ca.cse(ca.sparsify(matrix))
+        self._pattern = matrix.sparsity()
         self._entries: list[tuple[int | None, float]] = []  # place and sign, or no place and the constant
         found: dict[int, tuple[int, Any]] = {}
         entry: Any
-        for entry in (entry for matrix in matrices for entry in matrix.nonzeros()):
+        for entry in matrix.nonzeros():
             if entry.is_constant():
                 self._entries.append((None, float(entry)))
                 continue
@@ -295,27 +264,11 @@ class _Packed:
             self._entries.append((place, -1.0 if negative else 1.0))
         self.numbers = ca.vertcat(ca.SX(0, 1), *[entry for _, entry in found.values()])
 
-    def stages(self) -> tuple[ca.SX, list[list[ca.SX]]]:
-        """Symbols for the numbers of a step's four stages, a column each, and the matrices of each."""
+    def stages(self) -> tuple[ca.SX, list[ca.SX]]:
+        """Symbols for the numbers of a step's four stages, a column each, and the matrix of each."""
         tape = ca.SX.sym("tape", self.numbers.numel(), len(TABLEAU))
-        return tape, [self.unpacked(tape[:, stage]) for stage in range(len(TABLEAU))]
+        return tape, [self._unpacked(tape[:, stage]) for stage in range(len(TABLEAU))]
 
-    def unpacked(self, numbers: ca.SX) -> list[ca.SX]:
-        """The matrices of a column."""
-        every = iter(self._entries)
-        return [
-            ca.SX(
-                pattern,
-                ca.vertcat(ca.SX(0, 1), *[self._entry(numbers, *next(every)) for _ in range(pattern.nnz())]),
-            )
-            for pattern in self._patterns
-        ]
-
-    def _entry(self, numbers: ca.SX, place: int | None, factor: float) -> ca.SX:
-        return ca.SX(factor) if place is None else factor * numbers[place]
-
-
-def _entries(matrix: ca.SX, pattern: ca.Sparsity) -> ca.SX:
-    """The entries of a matrix at the places of a pattern, a column."""
-    rows, columns = pattern.get_triplet()
-    return ca.vertcat(*[matrix[i, j] for i, j in zip(rows, columns, strict=True)])
+    def _unpacked(self, numbers: ca.SX) -> ca.SX:
+        entries = [factor if place is None else factor * numbers[place] for place, factor in self._entries]
+        return ca.SX(self._pattern, ca.vertcat(ca.SX(0, 1), *entries))

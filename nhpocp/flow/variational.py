@@ -24,8 +24,8 @@ def linearisation(system: System) -> ca.Function:
     space = system.state_space
     x, u = ca.SX.sym("x", space.size), ca.SX.sym("u", system.input_space.size)
     delta = ca.SX.sym("delta", space.dimension)
-    velocity, (left, right) = system.velocity(x, u), system.linearised(x, u)
-    by_point, B = left @ right[:, : space.size], left @ right[:, space.size :]
+    velocity, linearised = system.velocity(x, u), system.linearised(x, u)
+    by_point, B = linearised[:, : space.size], linearised[:, space.size :]
     # d velocity along a tangent δ: the packed point moves by lift(x, δ), no retraction to differentiate
     directional = by_point @ space.lift(x, delta)
     for block in space.blocks:

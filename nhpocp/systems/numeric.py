@@ -43,18 +43,14 @@ class NumericSystem:
 
     @cached_property
     def linearised_function(self) -> ca.Function:
-        """(x, u) ↦ D, A, C with [∂ẋ/∂x, ∂ẋ/∂u] = D + A C for the packed point, size × (size + inputs)."""
+        """(x, u) ↦ [∂ẋ/∂x, ∂ẋ/∂u] of the packed point, sparse, size × (size + inputs)."""
         x, u, space = self._state, self._control, self.system.state_space
         velocity = ca.SX.sym("velocity", space.dimension)
         lifted = space.lift(x, velocity)
         by_point = ca.substitute(ca.jacobian(lifted, x), velocity, self.system.velocity(x, u))
-        left, right = self.system.linearised(x, u)
-        parts = [
-            ca.horzcat(by_point, ca.SX(space.size, u.numel())),
-            ca.jacobian(lifted, velocity) @ left,
-            right,
-        ]
-        return ca.Function("linearised", [x, u], ca.cse([ca.sparsify(ca.SX(part)) for part in parts]))
+        through_velocity = ca.jacobian(lifted, velocity) @ ca.sparsify(self.system.linearised(x, u))
+        whole = ca.horzcat(by_point, ca.SX(space.size, u.numel())) + through_velocity
+        return ca.Function("linearised", [x, u], [ca.sparsify(ca.cse(whole))])
 
     @cached_property
     def _outputs(self) -> tuple[ca.Function, dict[str, tuple[int, int]]]:

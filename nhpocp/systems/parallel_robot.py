@@ -199,13 +199,12 @@ class ParallelRobot(System):
         still = xp.array([0.0] * (self.state_space.dimension - self.motors))
         return xp.solve(self.matrix(state), xp.concatenate([control, still]))
 
-    def linearised(self, state: Array, control: Array) -> tuple[Array, Array]:
+    def linearised(self, state: Array, control: Array) -> Array:
         """W (ṗ, ω) = (u, 0) differentiated with (ṗ, ω) held."""
         xp, dimension = symbolic(), self.state_space.dimension
         held, matrix = xp.symbol(dimension), self.matrix(state)
         change = xp.substitute(xp.jacobian(matrix @ held, state), held, self.velocity(state, control))
-        driven = xp.block([[-change, xp.eye(dimension)[:, : self.motors]]])
-        return xp.eye(dimension), xp.solve(matrix, driven)
+        return xp.solve(matrix, xp.block([[-change, xp.eye(dimension)[:, : self.motors]]]))
 
     def vector_fields(self, state: Array) -> Array:
         xp, inputs = namespace(state), self.input_space.size

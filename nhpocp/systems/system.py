@@ -135,15 +135,13 @@ class System(Protocol):
         """ẋ of the packed point (size,)."""
         return self.state_space.lift(state, self.velocity(state, control))
 
-    def linearised(self, state: Array, control: Array) -> tuple[Array, Array]:
-        """L (dimension × k) and C (k × (size + inputs)) with [∂velocity/∂x, ∂velocity/∂u] = L C, for SX symbols.
+    def linearised(self, state: Array, control: Array) -> Array:
+        """[∂velocity/∂x, ∂velocity/∂u], dimension × (size + inputs), for SX symbols; x is the packed point.
 
-        x is the packed point. Override it where the equations' structure makes the derivative cheaper than
-        differentiating `velocity`; rows pass through two factors in fewer operations than the product takes to make.
+        Override it where the equations' structure makes the derivative cheaper than differentiating `velocity`.
         """
         xp, velocity = symbolic(), self.velocity(state, control)
-        whole = xp.block([[xp.jacobian(velocity, state), xp.jacobian(velocity, control)]])
-        return xp.eye(self.state_space.dimension), whole
+        return xp.block([[xp.jacobian(velocity, state), xp.jacobian(velocity, control)]])
 
     def outputs(self, state: Array, control: Array) -> dict[str, Array]:
         """Named quantities worth plotting or bounding, besides states and inputs."""

@@ -134,7 +134,7 @@ class ThreeUPU(ParallelRobot):
         xp = namespace(state, control)  # [Paper] eq. (7)
         return xp.concatenate([self.translation(state, control), -control])
 
-    def linearised(self, state: Array, control: Array) -> tuple[Array, Array]:
+    def linearised(self, state: Array, control: Array) -> Array:
         if self.form == "original":
             return super().linearised(state, control)
         # S ṗ = J v differentiated with ṗ held: d(S⁻¹ J v) = S⁻¹ d(J v - S ṗ), a third of the operations
@@ -144,11 +144,9 @@ class ThreeUPU(ParallelRobot):
         s, j = [row.of_p for row in rows], xp.rows([row.of_omega for row in rows])
         residual = j @ control - xp.vector([dot(row, held) for row in s])
         change = xp.substitute(xp.jacobian(residual, state), held, solve_3x3(s, j @ control))
-        nothing, turn = 0.0 * xp.eye(3), xp.eye(3)  # ω = -v whatever the pose
-        return (
-            xp.block([[solve_3x3(s, xp.eye(3)), nothing], [nothing, turn]]),
-            xp.block([[change, j], [0.0 * change, -turn]]),
-        )
+        inverse = solve_3x3(s, xp.eye(3))
+        # ω = -v whatever the pose
+        return xp.block([[inverse @ change, inverse @ j], [0.0 * change, -xp.eye(3)]])
 
     def feedback(self, state: Array, v: Array) -> Array:
         """Leg speeds u = (G S⁻¹ J - K) v, which equals [Paper] eq. (6)."""
