@@ -7,14 +7,17 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import islice
 from typing import Any
 
 from nhpocp.controls.control import Control
+from nhpocp.errors import InvalidProblemError
 from nhpocp.planning import default_solver, refused
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Outcome, Solver
+from nhpocp.solvers.lockstep import reached_together
 
-CHUNK = 64  # goals that a worker is handed at once
+TOGETHER = 64  # goals planned at once; more gain nothing
 
 
 @dataclass(frozen=True)
@@ -33,19 +36,23 @@ def plan_many(
     goals: Iterable[Mapping[str, Any]],
     solver: Solver | None = None,
     executor: Executor | None = None,
+    together: int = TOGETHER,
 ) -> Iterator[Plan]:
     """A `Plan` for each goal, in their order, by ``solver`` (the problem's own Jacobian method), unverified.
 
     Functions and kernels are made once a process. ``executor``: where to plan, a ProcessPoolExecutor for more cores;
-    None: here, one goal when it is asked for. Errors: `InvalidProblemError` for a goal that is none; Ctrl-C ends the
+    None: here. So many goals are taken ``together`` as the first of them is asked for, and planned side by side where
+    the method is an adaptive continuation. Errors: `InvalidProblemError` for a goal that is none; Ctrl-C ends the
     series with `KeyboardInterrupt`, and what was handed out before stays good.
     """
     solver = solver or default_solver(problem)
     if executor is None:
-        yield from (_planned(problem, goal, solver) for goal in goals)
+        series = iter(goals)
+        while part := list(islice(series, together)):
+            yield from _planned(problem, part, solver)
         return
     payload, goals = pickle.dumps((problem, solver)), list(goals)
-    parts = [goals[first : first + CHUNK] for first in range(0, len(goals), CHUNK)]
+    parts = [goals[first : first + together] for first in range(0, len(goals), together)]
     chunks = [executor.submit(_planned_elsewhere, payload, part) for part in parts]
     try:
         for chunk in chunks:
@@ -55,17 +62,31 @@ def plan_many(
             chunk.cancel()
 
 
-def _planned(problem: PlanningProblem, goal: Mapping[str, Any], solver: Solver) -> Plan:
-    problem = problem.towards(goal)
-    found = refused(problem, solver) or solver.solve(problem)
-    if found.outcome is Outcome.INTERRUPTED:
-        raise KeyboardInterrupt
-    return Plan(found.outcome, found.message, found.final_error, found.control, found.evaluations)
+def _planned(problem: PlanningProblem, goals: Sequence[Mapping[str, Any]], solver: Solver) -> Iterator[Plan]:
+    problems, wrong = [], None
+    for goal in goals:
+        try:
+            problems.append(problem.towards(goal))
+        except InvalidProblemError as error:
+            wrong = error  # but those before it are planned
+            break
+    for towards, reached in zip(problems, reached_together(solver, problems), strict=True):
+        if reached:
+            control = towards.control(reached.coefficients)
+            message = f"{reached.message}."
+            yield Plan(Outcome.CONVERGED, message, reached.error, control, reached.evaluations)
+            continue
+        found = refused(towards, solver) or solver.solve(towards)
+        if found.outcome is Outcome.INTERRUPTED:
+            raise KeyboardInterrupt
+        yield Plan(found.outcome, found.message, found.final_error, found.control, found.evaluations)
+    if wrong:
+        raise wrong
 
 
 def _planned_elsewhere(payload: bytes, goals: Sequence[Mapping[str, Any]]) -> list[Plan]:
     problem, solver = _unpacked(payload)
-    return [_planned(problem, goal, solver) for goal in goals]
+    return list(_planned(problem, goals, solver))
 
 
 @lru_cache(maxsize=4)  # what is made for a system is kept beside it

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any
@@ -12,7 +12,7 @@ import numpy as np
 
 from nhpocp import so3
 from nhpocp.arrays import Array, namespace
-from nhpocp.calls import call
+from nhpocp.calls import call, side_by_side
 from nhpocp.errors import OrientationAtPiError
 from nhpocp.state_space import Block, StateSpace
 from nhpocp.systems.system import System
@@ -166,6 +166,27 @@ class Task:
             local = space.coordinates(_part(self.space, space, state), namespace(state).array(self._wanted))
             blocks = [scale * local[i] for i, scale in enumerate(self.scales[: space.dimension])]
         return blocks + self.output_equations(state)
+
+
+class AlikeTasks:
+    """Tasks that fix the same blocks of the state, and no outputs, measured together."""
+
+    def __init__(self, tasks: Sequence[Task]) -> None:
+        self.first = tasks[0]
+        self._wanted = np.stack([task._wanted for task in tasks])
+
+    @staticmethod
+    def alike(one: Task, other: Task) -> bool:
+        """Whether two tasks may be among them."""
+        return set(one.values) == set(other.values) and not (one.outputs or other.outputs)
+
+    def differences(self, places: Array, points: Array) -> tuple[Array, Array]:
+        """e (k, size), unweighted, of the tasks at these places, each at its point (k, n); which have one, (k,)."""
+        lanes = np.arange(1 << (len(self._wanted) - 1).bit_length())  # so that few functions serve any number
+        padded = (rows.take(lanes, axis=0, mode="wrap") for rows in (points, self._wanted[places]))
+        found, angles = call(side_by_side(self.first._difference, len(lanes)), *padded)
+        single = (angles[: len(places)] <= np.pi - HALF_TURN_WITHIN).all(axis=1)
+        return found[: len(places)], single
 
 
 def total_error(tasks: Iterable[Task], points: Iterable[Array]) -> float:

@@ -119,24 +119,32 @@ class Spectrum:
     error: Array
 
     def within(self, radius: float) -> tuple[Array, Array]:
-        """-J^T (J J^T + μ)⁻¹ e and its image, with the μ that makes its length in the metric the radius, or 0.
-
-        The trust-region subproblem of least squares, solved by Newton's method on 1/length [Moré, Sorensen 1983].
-        """
-        damping, values, error = 0.0, self.values, self.error
+        """-J^T (J J^T + μ)⁻¹ e and its image, with the μ that makes its length in the metric the radius, or 0."""
+        values = self.values
         used = len(values) if values[-1] > 1e-14 * values[0] else rank_of(values, 1e-14)
-        values, error = values[:used], error[:used]
-        squares = values**2
-        inner = values * error / squares
-        for _ in range(30):
-            squared = float(inner @ inner)
-            excess = squared**0.5 / radius - 1.0
-            if excess <= 1e-3:
-                break
-            damping += excess * squared / float(inner @ (inner / (squares + damping)))
-            inner = values * error / (squares + damping)
+        inner = within_radius(values[:used], self.error[:used], radius)
         step = self.coordinates.coefficients(-self.right[:used].T @ inner)
-        return step, -self.left[:, :used] @ (values * inner)
+        return step, -self.left[:, :used] @ (values[:used] * inner)
+
+
+def within_radius(values: Array, error: Array, radius: Array | float) -> Array:
+    """σ e/(σ² + μ) with the μ that makes its length the radius, or 0 if it is shorter: (…, r) each, radii (…,).
+
+    The trust-region subproblem of least squares, solved by Newton's method on 1/length [Moré, Sorensen 1983].
+    """
+    squares, product = values**2, values * error
+    damping = np.zeros((*values.shape[:-1], 1))
+    inner = product / squares
+    for _ in range(30):
+        squared = (inner * inner).sum(-1)
+        excess = np.sqrt(squared) / radius - 1.0
+        long = excess > 1e-3
+        if not long.any():
+            break
+        slope = np.where(long, (inner * inner / (squares + damping)).sum(-1), 1.0)
+        damping = damping + np.where(long, excess * squared / slope, 0.0)[..., None]
+        inner = product / (squares + damping)
+    return inner
 
 
 @dataclass(frozen=True)

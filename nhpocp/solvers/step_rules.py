@@ -12,6 +12,9 @@ import numpy as np
 from nhpocp.arrays import Array, norm
 from nhpocp.solvers.evaluation import Evaluation
 
+KEPT = 0.05  # share of the promised reduction that a trial must keep to be accepted
+PROMISED = 1e-9  # share of |e| that a step must promise to remove
+SMALLEST = 1e-7  # of the first radius: no shorter steps are tried
 Evaluate = Callable[[Array, float], Evaluation]  # (coefficients, γ that led there) ↦ the evaluation, recorded
 
 
@@ -81,28 +84,30 @@ class Adaptive(StepRule):
         if here.direction is None:
             return
         radius = self.first_radius * (1.0 + here.direction.length(here.coefficients.ravel()))
-        smallest = 1e-7 * radius
+        smallest = SMALLEST * radius
         while radius > smallest and here.direction is not None and here.vector is not None:
             step, image = here.direction.within(radius)
             promised = here.merit - float(norm(here.vector + image))
-            if not promised > 1e-9 * here.merit:
+            if not promised > PROMISED * here.merit:
                 return
             size = here.direction.length(step)
             trial = evaluate(here.coefficients + step.reshape(here.coefficients.shape), promised / here.merit)
-            if trial.failure or trial.crossing:
-                radius = 0.25 * min(radius, size)
-                continue
-            kept = (here.merit - trial.merit) / promised
-            if kept < 0.25:
-                radius = (0.5 if kept > 0 else 0.25) * min(radius, size)
-            elif kept > 0.75:
-                radius = max(radius, 2.5 * size)
-            if kept > 0.05:
+            useless = trial.failure or trial.crossing
+            kept = -inf if useless else (here.merit - trial.merit) / promised
+            radius = float(next_radius(radius, size, kept))
+            if kept > KEPT:
                 here = trial
                 yield here
 
     def settings(self) -> dict[str, Any]:
         return {}
+
+
+def next_radius(radius: Array | float, size: Array | float, kept: Array | float) -> Array:
+    """The trust region's, after a step of a size that kept a share of its promise, -inf for none; numbers or arrays."""
+    shorter = np.where(np.greater(kept, 0.0), 0.5, 0.25) * np.minimum(radius, size)
+    longer = np.where(np.greater(kept, 0.75), np.maximum(radius, np.multiply(2.5, size)), radius)
+    return np.where(np.less(kept, 0.25), shorter, longer)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,244 @@
+"""The adaptive continuation towards many goals from one start, each of its operations done for all goals at once.
+
+The formulas are those of `Adaptive` and `MoorePenrose`, and so are the plans, to rounding. Only what goes well is dealt
+with here: a goal whose search meets anything else is left to the solver itself, which finds out what and says it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from nhpocp.arrays import Array
+from nhpocp.flow.end_point_map import DifferentiatedEndPointMap, flow_through
+from nhpocp.flow.integrators import RungeKutta4
+from nhpocp.flow.runge_kutta import Swept
+from nhpocp.problem import PlanningProblem
+from nhpocp.solution import Solver
+from nhpocp.solvers.claims import finer
+from nhpocp.solvers.continuation import DIVERGED_ABOVE, STAGNATION_WINDOW, Continuation
+from nhpocp.solvers.generalized_inverses import Coordinates, MoorePenrose, within_radius
+from nhpocp.solvers.interruption import Interruption
+from nhpocp.solvers.step_rules import KEPT, PROMISED, SMALLEST, Adaptive, next_radius
+from nhpocp.solvers.strategies import EVALUATIONS, Auto
+from nhpocp.systems.numeric import numeric_system
+from nhpocp.task import AlikeTasks
+
+
+@dataclass(frozen=True)
+class Reached:
+    """A control that reaches its goal, as the continuation claims."""
+
+    coefficients: Array  # inputs × size
+    error: float  # E
+    updates: int
+    evaluations: int
+
+    @property
+    def message(self) -> str:
+        return f"E = {self.error:.3g} after {self.updates} updates"
+
+
+def reached_together(solver: Solver, problems: Sequence[PlanningProblem]) -> list[Reached | None]:
+    """What ``solver`` finds for problems that differ in their goals only; None where it has to be asked itself.
+
+    Of the strategies of `Auto` only the first is tried here, the problem's own start.
+    """
+    reached: list[Reached | None] = [None] * len(problems)
+    solver_alone = solver.continuation if isinstance(solver, Auto) else solver
+    if not (problems and isinstance(solver_alone, Continuation)):
+        return reached
+    method = _method(solver_alone, problems[0])
+    places = _on_our_side(problems) if method else []
+    if not (method and places):
+        return reached
+    search = _Lockstep(solver_alone, *method, [problems[place] for place in places])
+    limit = EVALUATIONS if isinstance(solver, Auto) else STAGNATION_WINDOW
+    found = search.found(min(limit, solver_alone.max_iterations))
+    if isinstance(solver, Auto):
+        found = search.confirmed(found)
+    for place, plan in found.items():
+        reached[places[place]] = plan
+    return reached
+
+
+def _method(solver: Continuation, problem: PlanningProblem) -> tuple[Adaptive, MoorePenrose] | None:
+    """The parts of a method that is known here; None for others, and where more is asked than to drive E to zero."""
+    rule, inverse = solver.step_rule, solver.inverse
+    by_steps = isinstance(solver.integrator, RungeKutta4) and solver.sensitivity is DifferentiatedEndPointMap
+    bare = solver.objective == "none" and not (problem.bounds or problem.via) and problem.initial is not None
+    if isinstance(rule, Adaptive) and isinstance(inverse, MoorePenrose) and by_steps and bare:
+        return rule, inverse
+    return None
+
+
+def _on_our_side(problems: Sequence[PlanningProblem]) -> list[int]:
+    """Places of the goals that fix the same blocks as the first, and do not lie across a singular surface."""
+    first = problems[0]
+    places = [i for i, p in enumerate(problems) if AlikeTasks.alike(first.tasks[0], p.tasks[0])]
+    if not places:
+        return []
+    ends = np.stack([first.start_point, *(problems[place].goal_point for place in places)])
+    determinants, apart = numeric_system(first.system).determinants(ends), np.zeros(len(places), dtype=bool)
+    for name in first.system.separating():
+        apart |= ~(determinants[name][1:] * determinants[name][0] > 0)
+    return [place for place, other in zip(places, apart, strict=True) if not other]
+
+
+class _Here(NamedTuple):
+    """The current controls of k goals and where they lead."""
+
+    place: Array  # the goal's, (k,)
+    coefficients: Array  # (k, inputs · size)
+    error: Array  # E
+    vector: Array  # e, dimensionless (k, r)
+    jacobian: Array  # its derivative by λ, (k, r, inputs · size)
+    useful: Array  # whether the path is one to go on from
+
+    @property
+    def merit(self) -> Array:
+        return _length(self.vector)
+
+    def of(self, mask: Array) -> _Here:
+        """Some of the goals."""
+        return _Here(*(part[mask] for part in self))
+
+    def moved(self, mask: Array, trial: _Here) -> _Here:
+        """With the trials of some goals in place of what is."""
+        pairs = zip(self, trial, strict=True)
+        return _Here(*(np.where(mask.reshape(-1, *[1] * (old.ndim - 1)), new, old) for old, new in pairs))
+
+
+class _Steps(NamedTuple):
+    """Steps inside the goals' trust regions."""
+
+    step: Array  # δλ, (k, inputs · size)
+    size: Array  # its length in the metric
+    promised: Array  # what |e| should fall by
+    fit: Array  # whether J has full rank and the promise is one
+
+
+class _Lockstep:
+    """One search, of problems that differ in their goals only."""
+
+    def __init__(
+        self,
+        solver: Continuation,
+        rule: Adaptive,
+        inverse: MoorePenrose,
+        problems: Sequence[PlanningProblem],
+    ) -> None:
+        problem = problems[0]
+        self.solver, self.rule, self.inverse = solver, rule, inverse
+        self.problem, self.count = problem, len(problems)
+        horizon, inputs = problem.horizon.fixed, problem.system.input_space.size
+        self.flow = flow_through(problem.system, problem.basis, horizon, solver.integrator, ())
+        self.coordinates = Coordinates(solver.metric.factor(problem.basis, inputs, horizon))
+        self.tasks = AlikeTasks([problem.tasks[0] for problem in problems])
+        self.numeric = numeric_system(problem.system)
+
+    def found(self, limit: int) -> dict[int, Reached]:
+        """What was reached with no more than 1 + ``limit`` evaluations, by the goals' places. Errors: Ctrl-C's."""
+        reached: dict[int, Reached] = {}
+        with Interruption() as interruption, np.errstate(all="ignore"):
+            here = self._begun()
+            first, updates = here.error.copy(), np.zeros(self.count, dtype=int)
+            size = self.coordinates.length(here.coefficients[0])
+            radius = np.full(self.count, self.rule.first_radius * (1.0 + size))
+            smallest = SMALLEST * radius[0]
+            for evaluations in range(1, limit + 2):
+                interruption.check()
+                arrived = here.error < self.solver.tolerance
+                for at in np.flatnonzero(arrived & here.useful):
+                    place = int(here.place[at])
+                    coefficients = here.coefficients[at].reshape(*np.shape(self.problem.initial))
+                    reached[place] = Reached(
+                        coefficients, float(here.error[at]), int(updates[place]), evaluations
+                    )
+                lost = here.error > DIVERGED_ABOVE * (1.0 + first[here.place])
+                here = here.of(here.useful & ~arrived & ~lost & (radius[here.place] > smallest))
+                steps = self._steps(here, radius[here.place])
+                here, steps = here.of(steps.fit), _Steps(*(part[steps.fit] for part in steps))
+                if not len(here.place):
+                    break
+                trial = self._evaluated(here.place, here.coefficients + steps.step)
+                kept = np.where(trial.useful, (here.merit - trial.merit) / steps.promised, -np.inf)
+                radius[here.place] = next_radius(radius[here.place], steps.size, kept)
+                updates[here.place] += kept > KEPT
+                here = here.moved(kept > KEPT, trial)
+        return reached
+
+    def confirmed(self, reached: dict[int, Reached]) -> dict[int, Reached]:
+        """Those whose controls a simulation with finer steps leads to their goals, as `claims.missed` has it."""
+        problem, solver = self.problem, self.solver
+        if not reached:
+            return reached
+        flow = flow_through(
+            problem.system, problem.basis, problem.horizon.fixed, finer(solver.integrator), ()
+        )
+        ends = [flow.end(problem.start_point, plan.coefficients) for plan in reached.values()]
+        errors, single = self._errors(np.array(list(reached)), np.stack(ends))
+        held = zip(reached.items(), single & (errors <= solver.tolerance), strict=True)
+        return {place: plan for (place, plan), holds in held if holds}
+
+    def _errors(self, places: Array, ends: Array) -> tuple[Array, Array]:
+        """E of these goals, and which have one."""
+        difference, single = self.tasks.differences(places, ends)
+        return _length(self.tasks.first.weights * difference), single
+
+    def _begun(self) -> _Here:
+        """All goals at the start that they share."""
+        places, initial = np.arange(self.count), np.ravel(self.problem.initial)
+        return self._led(places, initial[None], [self._sensitivity(initial)])
+
+    def _evaluated(self, places: Array, coefficients: Array) -> _Here:
+        """One control for each of these goals."""
+        return self._led(places, coefficients, [self._sensitivity(row) for row in coefficients])
+
+    def _sensitivity(self, coefficients: Array) -> Swept:
+        return self.flow.sensitivity(
+            self.problem.start_point, coefficients.reshape(*np.shape(self.problem.initial))
+        )
+
+    def _led(self, places: Array, coefficients: Array, found: Sequence[Swept]) -> _Here:
+        """Where controls lead, one for each goal or one for all."""
+        path, jacobian, watched = (np.stack(parts) for parts in zip(*found, strict=True))
+        jacobian, task = jacobian[:, -1], self.tasks.first
+        useful = np.isfinite(path).all(axis=(1, 2)) & np.isfinite(jacobian).all(axis=(1, 2))
+        for values in self.numeric.breaking(watched.reshape(path.shape[0] * path.shape[1], -1)).values():
+            along = values.reshape(len(found), -1)
+            useful &= (along > 0).all(axis=1) | (along < 0).all(axis=1)
+        parts = (coefficients, path[:, -1], jacobian[:, task.rows], useful)
+        coefficients, ends, jacobian, useful = (
+            np.broadcast_to(part, (len(places), *part.shape[1:])) for part in parts
+        )
+        difference, single = self.tasks.differences(places, ends)
+        return _Here(
+            places,
+            coefficients,
+            _length(task.weights * difference),
+            task.scales * difference,
+            task.scales[:, None] * jacobian,
+            useful & single,
+        )
+
+    def _steps(self, here: _Here, radius: Array) -> _Steps:
+        left, values, right = np.linalg.svd(self.coordinates.jacobian(here.jacobian), full_matrices=False)
+        inner = within_radius(values, _times(left.swapaxes(1, 2), here.vector), radius)
+        step = self.coordinates.coefficients(-_times(right.swapaxes(1, 2), inner).T).T
+        promised = here.merit - _length(here.vector - _times(left, values * inner))
+        full = (values > self.inverse.rank_tolerance * values[:, :1]).sum(axis=1) == here.vector.shape[1]
+        size = _length((self.coordinates.factor.T @ step.T).T)
+        return _Steps(step, size, promised, full & (promised > PROMISED * here.merit))
+
+
+def _times(matrices: Array, vectors: Array) -> Array:
+    """A matrix times a vector for each goal."""
+    return np.asarray((matrices @ vectors[..., None])[..., 0])
+
+
+def _length(vectors: Array) -> Array:
+    return np.asarray(np.sqrt((vectors * vectors).sum(axis=-1)))
