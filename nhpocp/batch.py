@@ -17,7 +17,8 @@ from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Outcome, Solver
 from nhpocp.solvers.lockstep import reached_together
 
-TOGETHER = 64  # goals planned at once; more gain nothing
+TOGETHER = 64  # goals planned at once; more gain little
+FEW = 3  # goals: fewer are planned faster one by one
 
 
 @dataclass(frozen=True)
@@ -70,7 +71,8 @@ def _planned(problem: PlanningProblem, goals: Sequence[Mapping[str, Any]], solve
         except InvalidProblemError as error:
             wrong = error  # but those before it are planned
             break
-    for towards, reached in zip(problems, reached_together(solver, problems), strict=True):
+    together = reached_together(solver, problems) if len(problems) >= FEW else [None] * len(problems)
+    for towards, reached in zip(problems, together, strict=True):
         if reached:
             control = towards.control(reached.coefficients)
             message = f"{reached.message}."

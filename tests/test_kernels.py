@@ -19,14 +19,14 @@ from nhpocp.constraints import Bound
 from nhpocp.controls.fourier import Fourier
 from nhpocp.controls.piecewise_constant import PiecewiseConstant
 from nhpocp.errors import MissingDependencyError
-from nhpocp.flow import kernel_build, kernel_cache, kernel_source, kernels, shot_source
-from nhpocp.flow.dynamics import Dynamics
+from nhpocp.flow import bundle_source, kernel_build, kernel_cache, kernel_source, kernels, shot_source
+from nhpocp.flow.dynamics import Dynamics, dynamics
 from nhpocp.flow.end_point_map import DifferentiatedEndPointMap
 from nhpocp.flow.integrators import RungeKutta4
 from nhpocp.flow.kernel_cache import NotCompilableError
 from nhpocp.flow.kernel_source import _accessed
 from nhpocp.flow.kernels import Compiled, CompiledWhenReady, Interpreted
-from nhpocp.flow.runge_kutta import Scheme
+from nhpocp.flow.runge_kutta import Ends, Scheme
 from nhpocp.problem import Horizon, PlanningProblem
 from nhpocp.problem_file import parse_problem
 from nhpocp.problem_file.registry import SYSTEMS
@@ -35,7 +35,7 @@ from nhpocp.solvers import interval
 from nhpocp.solvers.guesses import ProblemGuess, make_guess
 from nhpocp.solvers.multiple_shooting import MultipleShooting
 from nhpocp.solvers.transcription import Transcription
-from nhpocp.systems.numeric import NumericSystem, numeric_system
+from nhpocp.systems.numeric import NumericSystem
 from nhpocp.systems.three_upu import ThreeUPU
 
 needs_compiler = pytest.mark.skipif(machine.c_compiler() is None, reason="no C compiler")
@@ -64,6 +64,7 @@ def cache(tmp_path, monkeypatch):
 
 def forget() -> None:
     kernels._of_sweeps.cache_clear()
+    kernels._of_bundles.cache_clear()
     kernels._of_shots.cache_clear()
     interval._made.cache_clear()
     kernel_cache._said.clear()
@@ -84,6 +85,23 @@ def end_point(way, system=None, basis=BASES[0], shares=()):
 def sweep(way) -> np.ndarray:
     """The numbers of a sweep."""
     return end_point(way).jacobian
+
+
+def many(problem, number=11):
+    """Controls near a problem's own size."""
+    shape = number, problem.system.input_space.size, problem.basis.size
+    return np.random.default_rng(5).normal(0.0, 0.3, shape) / np.sqrt(problem.basis.size)
+
+
+def led(way, problem, steps=13, **choices) -> Ends:
+    """Where they lead."""
+    flow = RungeKutta4(steps, way).flow(dynamics(problem.system), problem.basis, 1.0)
+    return flow.ends(problem.start_point, many(problem), **choices)
+
+
+def ends(way) -> np.ndarray:
+    """The numbers of a bundle."""
+    return np.concatenate([np.ravel(part) for part in led(way, paper_problem())])
 
 
 def values(programme, seed=0) -> list[np.ndarray]:
@@ -205,6 +223,9 @@ def test_a_file_that_is_no_library_is_ignored(numbers, cache, caplog, quick):
     ("numbers", "module", "right", "wrong"),
     [
         (sweep, kernel_source, "now = before", "now = before, *now += 1e-3"),
+        (ends, bundle_source, "found[j] += value", "found[j] += 1.001 * value"),
+        (ends, bundle_source, "(i + 1) / 2", "i / 2"),
+        (ends, bundle_source, "sum += table", "sum += l * table"),
         (shots, shot_source, "to[l][place] = values[i * L + l]", "to[l][place] = 1.0"),
         (shots, shot_source, "*q[l] = closed[l]", "*q[l] = closed[l] + 1e-3"),
         (shots, shot_source, "dw[d * L + l] = 1.0", "dw[d * L + l] = 1.001"),
@@ -220,17 +241,16 @@ def test_a_kernel_that_disagrees_is_not_used(
     expected, made = numbers(Interpreted()), module.c_source
     assert right in made_of(made, numbers)
     monkeypatch.setattr(module, "c_source", lambda parts: made(parts).replace(right, wrong))
-    np.testing.assert_array_equal(numbers(Compiled()), expected)
+    np.testing.assert_allclose(numbers(Compiled()), expected, rtol=1e-9, atol=1e-9)
     assert "disagrees" in caplog.text
-    assert stored(cache) == []
+    assert len(stored(cache)) == (numbers is ends)  # in its place that of the sweeps
 
 
 def made_of(c_source, numbers) -> str:
     """The C text of either kind."""
     if numbers is shots:
         return c_source(transcribed(LINEAR, Interpreted()).interval.shot)
-    numeric = numeric_system(paper_problem().system)
-    return c_source(Scheme(Dynamics(numeric.rate_function, numeric.linearised_function)))
+    return c_source(Scheme(dynamics(paper_problem().system)))
 
 
 @KINDS
@@ -306,6 +326,49 @@ def test_threads_share_a_kernel_and_its_memory(cache):
         sys.setswitchinterval(before)
     for count, jacobian in zip(steps, found, strict=True):
         np.testing.assert_array_equal(jacobian, expected[count])
+
+
+# --- the ends of many paths -------------------------------------------------------------------------------------
+
+
+@needs_compiler
+@pytest.mark.parametrize("model", SYSTEMS)
+def test_every_system_has_the_same_ends_compiled(model, cache, quick):
+    problem = parse_problem(starter(model))
+    compiled, interpreted = (led(way, problem) for way in (Compiled(), Interpreted()))
+    for found, expected in zip(compiled, interpreted, strict=True):
+        assert found.shape == expected.shape
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.abs(expected).max(initial=1e-300))
+    bare = led(Compiled(), problem, differentiated=False)
+    np.testing.assert_array_equal(bare.states, compiled.states)
+    assert bare.derivatives.shape == (0, *compiled.derivatives.shape[1:])
+    assert len(stored(cache)) == 1
+
+
+def test_the_ends_are_those_of_each_sweep():
+    problem, way = paper_problem(), Interpreted()
+    flow = RungeKutta4(13, way).flow(dynamics(problem.system), problem.basis, 1.0)
+    found = led(way, problem)
+    for k, coefficients in enumerate(many(problem)):
+        alone = flow.sensitivity(problem.start_point, coefficients)
+        np.testing.assert_array_equal(found.states[k], alone.path[-1])
+        np.testing.assert_array_equal(found.derivatives[k], alone.derivatives[-1])
+        np.testing.assert_array_equal(found.watched[k], alone.watched)
+
+
+@needs_compiler
+def test_auto_leaves_bundles_to_sweeps_until_their_kernel_is_there(cache, monkeypatch, quick):
+    monkeypatch.delenv("NHPOCP_COMPILE")
+    problem, begun = paper_problem(), []
+    monkeypatch.setattr(kernel_cache.Place, "_begin", lambda place: begun.append(place))
+    eager = CompiledWhenReady(patience=1e-9)
+    first = led(eager, problem)
+    led(eager, problem)
+    assert len(begun) == 2  # of the sweeps too
+    forget()
+    led(Compiled(), problem)
+    forget()
+    np.testing.assert_allclose(led(eager, problem).derivatives, first.derivatives, atol=1e-12)
 
 
 # --- the intervals of an NLP ------------------------------------------------------------------------------------

@@ -19,7 +19,7 @@ from nhpocp.controls.basis import ControlBasis
 from nhpocp.errors import InvalidProblemError
 from nhpocp.flow.dynamics import Dynamics
 from nhpocp.flow.kernels import CompiledWhenReady, Kernels
-from nhpocp.flow.runge_kutta import Grid, Scheme, Sweep, Swept, scheme, walked
+from nhpocp.flow.runge_kutta import Bundle, Ends, Grid, Scheme, Sweep, Swept, ends_of, scheme, walked
 
 
 class Flow(Protocol):
@@ -37,6 +37,10 @@ class Flow(Protocol):
 
     def sensitivity(self, start: Array, coefficients: Array, stops: Sequence[int] = (-1,)) -> Swept:
         """The states as above, and dy/dλ, as observed, at the grid's times of these indices."""
+        ...
+
+    def ends(self, start: Array, coefficients: Array, differentiated: bool = True) -> Ends:
+        """Where many controls (k, m, size) lead from one start, with dy(T)/dλ if wanted."""
         ...
 
 
@@ -119,6 +123,10 @@ class RungeKuttaFlow:
 
     def end(self, start: Array, coefficients: Array) -> Array:
         return self.states(start, coefficients)[-1]
+
+    def ends(self, start: Array, coefficients: Array, differentiated: bool = True) -> Ends:
+        bundle = Bundle(np.asarray(start, dtype=float), self._grid, coefficients, differentiated)
+        return self._kernels.bundled(scheme(self._dynamics), bundle)
 
     def sensitivity(self, start: Array, coefficients: Array, stops: Sequence[int] = (-1,)) -> Swept:
         functions = scheme(self._dynamics)
@@ -268,14 +276,22 @@ class CasadiFlow:
         return np.array(self._end(x0=start, p=np.ravel(coefficients))["xf"]).ravel()
 
     def sensitivity(self, start: Array, coefficients: Array, stops: Sequence[int] = (-1,)) -> Swept:
-        ends, jacobian = self._jacobian(stops)(start, np.ravel(coefficients))
-        states = self.states(start, coefficients)
-        states[list(stops)] = np.array(ends).reshape(len(stops), -1)  # the points that were differentiated
-        derivatives = np.array(jacobian).reshape(len(stops), states.shape[1], -1)
+        states, size = self.states(start, coefficients), np.size(coefficients)
+        derivatives = np.empty((0, states.shape[1], size))
+        if stops:
+            ends, jacobian = self._jacobian(stops)(start, np.ravel(coefficients))
+            states[list(stops)] = np.array(ends).reshape(
+                len(stops), -1
+            )  # the points that were differentiated
+            derivatives = np.array(jacobian).reshape(len(stops), states.shape[1], size)
         observed, watched = self._dynamics.observed, np.empty((len(states), 0))
         if observed is not None:
             matrices = [call(observed, states[stop])[0].T for stop in stops]
-            derivatives = np.stack(matrices) @ derivatives
+            derivatives = np.reshape(matrices, (len(stops), *observed.size_out(0))) @ derivatives
         if self._dynamics.watched is not None:
             (watched,) = call(mapped(self._dynamics.watched, len(states)), states)
         return Swept(states, derivatives, watched)
+
+    def ends(self, start: Array, coefficients: Array, differentiated: bool = True) -> Ends:
+        stops = (-1,) if differentiated else ()
+        return ends_of([self.sensitivity(start, each, stops) for each in coefficients])

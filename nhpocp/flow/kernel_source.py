@@ -24,6 +24,17 @@ _OUTPUT = re.compile(r"if \(res\[(\d)\]!=0\) res\[\1\]\[(\d+)\]=")
 _OTHER = re.compile(r"\b(arg|res|iw|w)\b")
 _HELPER = re.compile(r"^casadi_real casadi_", re.MULTILINE)
 
+_LANE_FUNCTION = r"""
+static void {name}({declared}) {{
+#pragma omp simd
+  for (int l = 0; l < L; ++l) {{
+{defined}
+{body}
+{undefined}
+  }}
+}}
+"""
+
 _LOOPS = r"""
 enum {{ N = {size}, M = {inputs}, R = {rows}, E = {entries}, L = {lanes}, LR = {row_lanes}, T = {tile} }};
 
@@ -215,6 +226,21 @@ def straight_lines(functions: Sequence[ca.Function]) -> tuple[str, list[str]]:
         "static inline casadi_real casadi_", text[: text.index(f"\n/* {functions[0].name()}:(")]
     )
     return head, [_accessed(body) for body in found]
+
+
+def lane_function(name: str, arguments: Sequence[str], results: Sequence[str], body: str) -> str:
+    """A C function of L samples side by side, number j of sample l at [j L + l], from code as of `straight_lines`."""
+    macros = [(f"X{i}", letter) for i, letter in enumerate(arguments)]
+    macros += [(f"Y{i}", letter) for i, letter in enumerate(results)]
+    declared = [f"const double *restrict {letter}" for letter in arguments]
+    declared += [f"double *restrict {letter}" for letter in results]
+    return _LANE_FUNCTION.format(
+        name=name,
+        declared=", ".join(declared),
+        defined="\n".join(f"#define {macro}(j) {letter}[(j) * L + l]" for macro, letter in macros),
+        body=body,
+        undefined="\n".join(f"#undef {macro}" for macro, _ in macros),
+    )
 
 
 def _row_lanes(rows: int) -> int:

@@ -11,9 +11,11 @@ from time import perf_counter
 from typing import Protocol, TypeVar
 
 from nhpocp.arrays import Array
-from nhpocp.flow import kernel_source, shot_source, sweep_kernel
+from nhpocp.flow import bundle_kernel, bundle_source, kernel_source, shot_source, sweep_kernel
+from nhpocp.flow.bundle_kernel import BundleKernel
 from nhpocp.flow.kernel_cache import Place, agree
-from nhpocp.flow.runge_kutta import Scheme, Sweep, Swept
+from nhpocp.flow.kernel_source import LANES
+from nhpocp.flow.runge_kutta import Bundle, Ends, Scheme, Sweep, Swept, ends_of
 from nhpocp.flow.shot import Shot, Shots
 from nhpocp.flow.shot_kernel import KernelShots, ShotKernel, identity, tried
 from nhpocp.flow.sweep_kernel import SweepKernel
@@ -26,10 +28,14 @@ Trial = Callable[[], tuple[Array, Array]]
 
 
 class Kernels(Protocol):
-    """How a sweep, or the intervals of an NLP, are evaluated."""
+    """How a sweep, the ends of many, or the intervals of an NLP, are evaluated."""
 
     def swept(self, scheme: Scheme, sweep: Sweep) -> Swept:
         """What `Scheme.swept` gives."""
+        ...
+
+    def bundled(self, scheme: Scheme, bundle: Bundle) -> Ends:
+        """What `Scheme.bundled` gives."""
         ...
 
     def shots(self, shot: Shot, intervals: int, trial: Trial) -> Shots:
@@ -38,7 +44,7 @@ class Kernels(Protocol):
 
 
 class _Way(ABC):
-    """Both kinds of work, for one answer to when a kernel is wanted."""
+    """All kinds of work, for one answer to when a kernel is wanted."""
 
     @abstractmethod
     def wanted(self, place: Place[K], agrees: Callable[[K], bool], foreseen: float) -> K | None:
@@ -55,6 +61,20 @@ class _Way(ABC):
             return kernel.swept(sweep)
         began = perf_counter()
         found = scheme.swept(sweep)
+        place.note(perf_counter() - began)
+        return found
+
+    def bundled(self, scheme: Scheme, bundle: Bundle) -> Ends:
+        def agrees(kernel: BundleKernel) -> bool:
+            trial = bundle.first(LANES + 1, TRIED_STEPS)
+            return agree(kernel.bundled(trial), scheme.bundled(trial))
+
+        place = _of_bundles(scheme)
+        kernel = self.wanted(place, agrees, 0.0)
+        if kernel:
+            return kernel.bundled(bundle)
+        began = perf_counter()
+        found = ends_of([self.swept(scheme, sweep) for sweep in bundle.sweeps()])
         place.note(perf_counter() - began)
         return found
 
@@ -106,6 +126,15 @@ def _of_sweeps(scheme: Scheme) -> Place[SweepKernel]:
         lambda: sweep_kernel.identity(scheme),
         lambda: kernel_source.c_source(scheme),
         lambda path: SweepKernel(scheme, path),
+    )
+
+
+@lru_cache(maxsize=64)
+def _of_bundles(scheme: Scheme) -> Place[BundleKernel]:
+    return Place(
+        lambda: bundle_kernel.identity(scheme),
+        lambda: bundle_source.c_source(scheme),
+        lambda path: BundleKernel(scheme, path),
     )
 
 

@@ -38,6 +38,10 @@ class Grid:
         """φ at the start, middle and end of each step, (steps, 3, size)."""
         return self.table[self.nodes]
 
+    def first(self, steps: int) -> Grid:
+        """The first steps alone."""
+        return Grid(self.h[:steps], self.nodes[:steps], self.table)
+
 
 class Sweep(NamedTuple):
     """What a sweep is asked for: the path, and at stops the derivatives of the wanted rows by λ."""
@@ -53,7 +57,7 @@ class Sweep(NamedTuple):
 
     def first(self, steps: int) -> Sweep:
         """A shorter one, with one stop at its end."""
-        grid = Grid(self.h[:steps], self.grid.nodes[:steps], self.grid.table)
+        grid = self.grid.first(steps)
         return self._replace(grid=grid, stops=(len(grid.h),))
 
     def controls(self) -> Array:
@@ -67,6 +71,32 @@ class Swept(NamedTuple):
     path: Array  # y, (steps + 1, n)
     derivatives: Array  # of the observed rows at the stops, (stops, rows, m·size)
     watched: Array  # numbers at every point of the path, (steps + 1, k)
+
+
+class Bundle(NamedTuple):
+    """What is asked for of many paths at once: from one start, under many controls on one grid."""
+
+    start: Array  # y(0), (n,)
+    grid: Grid
+    coefficients: Array  # Λ, (k, m, size)
+    differentiated: bool  # whether the derivatives of the ends are wanted
+
+    def sweeps(self) -> list[Sweep]:
+        """The paths one by one."""
+        stops = (len(self.grid.h),) if self.differentiated else ()
+        return [Sweep(self.start, self.grid, each, stops) for each in self.coefficients]
+
+    def first(self, number: int, steps: int) -> Bundle:
+        """Fewer and shorter ones."""
+        return self._replace(grid=self.grid.first(steps), coefficients=self.coefficients[:number])
+
+
+class Ends(NamedTuple):
+    """Where the paths of a bundle lead."""
+
+    states: Array  # y(T), (k, n); finite where the whole path is
+    derivatives: Array  # of the observed rows there, (k, rows, m·size), or (0, …)
+    watched: Array  # along the paths, (k, steps + 1, …)
 
 
 class Scheme:
@@ -132,6 +162,10 @@ class Scheme:
         outputs = [ca.densify(by_state.T), ca.densify(ca.horzcat(*by_controls).T)]
         return ca.Function("blocks", [tape, h], ca.cse(outputs))
 
+    def bundled(self, bundle: Bundle) -> Ends:
+        """By CasADi's own evaluation, one path after another."""
+        return ends_of([self.swept(sweep) for sweep in bundle.sweeps()])
+
     def linearised(self, sweep: Sweep) -> Linearised:
         """The path, and what every step makes of changes of its state and controls; by CasADi's own evaluation.
 
@@ -162,6 +196,13 @@ class Scheme:
                 (matrix,) = call(self.observed, steps.path[stop])
                 found[:] = steps.pulled_back(matrix.reshape(self.size, self.rows).T, sweep.grid.basis[:stop])
         return Swept(steps.path, derivatives, self.watched_along(steps.path))
+
+
+def ends_of(found: Sequence[Swept]) -> Ends:
+    """The ends of sweeps that all stop there, or nowhere."""
+    path, derivatives, watched = (np.stack(parts) for parts in zip(*found, strict=True))
+    last = derivatives[:, -1] if derivatives.shape[1] else np.empty((0, *derivatives.shape[2:]))
+    return Ends(path[:, -1], last, watched)
 
 
 @dataclass(frozen=True)

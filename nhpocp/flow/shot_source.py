@@ -14,7 +14,7 @@ from __future__ import annotations
 import casadi as ca
 
 from nhpocp.flow.kernel_cache import NotCompilableError
-from nhpocp.flow.kernel_source import LANES, straight_lines
+from nhpocp.flow.kernel_source import LANES, lane_function, straight_lines
 from nhpocp.flow.shot import Shot
 
 MOST = 40_000  # instructions: beyond, a compiler takes minutes
@@ -26,17 +26,6 @@ _WAYS = {
     "back": (("y", "s", "c", "f", "k"), ("gy", "gs")),
     "second": (("y", "s", "c", "f", "k", "dy", "ds", "dk"), ("hy", "hs")),
 }
-
-_FUNCTION = r"""
-static void {name}({arguments}) {{
-#pragma omp simd
-  for (int l = 0; l < L; ++l) {{
-{defined}
-{body}
-{undefined}
-  }}
-}}
-"""
 
 _LOOPS = r"""
 enum {{ D = {coordinates}, Y = {state}, S = {static}, C = {constants}, B = {basis}, R = {rows}, Q = {closed} }};
@@ -282,20 +271,7 @@ def c_source(shot: Shot) -> str:
     found = iter(bodies)
     for name, way, function in functions:
         body = next(found) if function.nnz_out() else ""  # no rows
-        arguments, results = _WAYS[way]
-        macros = [(f"X{i}", letter) for i, letter in enumerate(arguments)]
-        macros += [(f"Y{i}", letter) for i, letter in enumerate(results)]
-        declared = [f"const double *restrict {letter}" for letter in arguments]
-        declared += [f"double *restrict {letter}" for letter in results]
-        texts.append(
-            _FUNCTION.format(
-                name=name,
-                arguments=", ".join(declared),
-                defined="\n".join(f"#define {macro}(j) {letter}[(j) * L + l]" for macro, letter in macros),
-                body=body,
-                undefined="\n".join(f"#undef {macro}" for macro, _ in macros),
-            )
-        )
+        texts.append(lane_function(name, *_WAYS[way], body))
     loops = _LOOPS.format(
         coordinates=shot.opened.numel_in(0),
         state=shot.slope.numel_in(0),

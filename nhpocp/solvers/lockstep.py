@@ -15,7 +15,6 @@ import numpy as np
 from nhpocp.arrays import Array
 from nhpocp.flow.end_point_map import DifferentiatedEndPointMap, flow_through
 from nhpocp.flow.integrators import RungeKutta4
-from nhpocp.flow.runge_kutta import Swept
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Solver
 from nhpocp.solvers.claims import finer
@@ -179,8 +178,9 @@ class _Lockstep:
         flow = flow_through(
             problem.system, problem.basis, problem.horizon.fixed, finer(solver.integrator), ()
         )
-        ends = [flow.end(problem.start_point, plan.coefficients) for plan in reached.values()]
-        errors, single = self._errors(np.array(list(reached)), np.stack(ends))
+        coefficients = np.stack([plan.coefficients for plan in reached.values()])
+        ends = flow.ends(problem.start_point, coefficients, differentiated=False)
+        errors, single = self._errors(np.array(list(reached)), ends.states)
         held = zip(reached.items(), single & (errors <= solver.tolerance), strict=True)
         return {place: plan for (place, plan), holds in held if holds}
 
@@ -191,27 +191,17 @@ class _Lockstep:
 
     def _begun(self) -> _Here:
         """All goals at the start that they share."""
-        places, initial = np.arange(self.count), np.ravel(self.problem.initial)
-        return self._led(places, initial[None], [self._sensitivity(initial)])
+        return self._evaluated(np.arange(self.count), np.ravel(self.problem.initial)[None])
 
     def _evaluated(self, places: Array, coefficients: Array) -> _Here:
-        """One control for each of these goals."""
-        return self._led(places, coefficients, [self._sensitivity(row) for row in coefficients])
-
-    def _sensitivity(self, coefficients: Array) -> Swept:
-        return self.flow.sensitivity(
-            self.problem.start_point, coefficients.reshape(*np.shape(self.problem.initial))
-        )
-
-    def _led(self, places: Array, coefficients: Array, found: Sequence[Swept]) -> _Here:
-        """Where controls lead, one for each goal or one for all."""
-        path, jacobian, watched = (np.stack(parts) for parts in zip(*found, strict=True))
-        jacobian, task = jacobian[:, -1], self.tasks.first
-        useful = np.isfinite(path).all(axis=(1, 2)) & np.isfinite(jacobian).all(axis=(1, 2))
-        for values in self.numeric.breaking(watched.reshape(path.shape[0] * path.shape[1], -1)).values():
-            along = values.reshape(len(found), -1)
+        """Where controls lead, one for each of these goals or one for all."""
+        task, shape = self.tasks.first, np.shape(self.problem.initial)
+        found = self.flow.ends(self.problem.start_point, coefficients.reshape(-1, *shape))
+        useful = np.isfinite(found.states).all(axis=1) & np.isfinite(found.derivatives).all(axis=(1, 2))
+        for values in self.numeric.breaking(np.concatenate(found.watched)).values():
+            along = values.reshape(len(coefficients), -1)
             useful &= (along > 0).all(axis=1) | (along < 0).all(axis=1)
-        parts = (coefficients, path[:, -1], jacobian[:, task.rows], useful)
+        parts = (coefficients, found.states, found.derivatives[:, task.rows], useful)
         coefficients, ends, jacobian, useful = (
             np.broadcast_to(part, (len(places), *part.shape[1:])) for part in parts
         )

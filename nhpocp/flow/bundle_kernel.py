@@ -1,0 +1,62 @@
+"""The compiled ends of many paths, called with NumPy arrays."""
+
+from __future__ import annotations
+
+import ctypes
+from pathlib import Path
+
+import numpy as np
+
+from nhpocp.arrays import Array
+from nhpocp.flow import bundle_source, kernel_source, runge_kutta
+from nhpocp.flow.kernel_cache import address, identified
+from nhpocp.flow.kernel_source import LANES
+from nhpocp.flow.runge_kutta import Bundle, Ends, Scheme
+
+
+def identity(scheme: Scheme) -> str:
+    """All that the C text depends on."""
+    return identified(scheme.functions, (bundle_source, kernel_source, runge_kutta))
+
+
+class BundleKernel:
+    """A loaded kernel. Holds Python's lock while it works, so that its memory may be kept between calls."""
+
+    def __init__(self, scheme: Scheme, path: Path) -> None:
+        library = ctypes.PyDLL(str(path))
+        self._bundle = library.nhpocp_bundle
+        self._bundle.restype = None
+        self._bundle.argtypes = [
+            ctypes.c_longlong if kind == "i" else ctypes.c_void_p for kind in "ippiippippppp"
+        ]
+        self._scheme, self._work = scheme, np.zeros(0)
+
+    def bundled(self, bundle: Bundle) -> Ends:
+        """As `Kernels.bundled`."""
+        scheme, grid, (number, inputs, size) = self._scheme, bundle.grid, bundle.coefficients.shape
+        steps, count, groups = len(grid.h), len(grid.table), -(-number // LANES)
+        lanes = np.arange(groups * LANES)
+        coefficients = np.ascontiguousarray(bundle.coefficients, dtype=float).take(lanes, axis=0, mode="wrap")
+        ends = np.empty((groups, scheme.size, LANES))
+        watched = np.empty((groups, steps + 1, scheme.watches, LANES))
+        derivatives = np.empty((groups * bundle.differentiated, size, scheme.rows, inputs, LANES))
+        start, work = np.array(bundle.start, dtype=float), self._room(steps, count)
+        arrays = grid.h, grid.nodes, grid.table, start, coefficients, work, ends, watched, derivatives
+        h, nodes, table, *others = map(address, arrays)
+        self._bundle(steps, h, nodes, count, size, table, others[0], groups, *others[1:])
+        by_lane = (ends.swapaxes(1, 2), derivatives.transpose(0, 4, 2, 3, 1), watched.transpose(0, 3, 1, 2))
+        shapes = (scheme.size,), (scheme.rows, inputs * size), (steps + 1, scheme.watches)
+        return Ends(
+            *(
+                array.reshape(len(array) * LANES, *shape)[:number]
+                for array, shape in zip(by_lane, shapes, strict=True)
+            )
+        )
+
+    def _room(self, steps: int, count: int) -> Array:
+        """Memory for so many steps and nodes."""
+        scheme = self._scheme
+        wanted = LANES * (4 * steps * scheme.size + count * scheme.inputs * (scheme.rows + 1))
+        if self._work.size < wanted:
+            self._work = np.zeros(wanted)
+        return self._work
