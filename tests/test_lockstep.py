@@ -108,6 +108,15 @@ def test_goals_beyond_a_singular_surface_do_not_hold_up_the_others():
     np.testing.assert_array_equal(found[0].coefficients, found[2].coefficients)
 
 
+def test_ctrl_c_ends_a_search(monkeypatch):
+    def stopped(self):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("nhpocp.solvers.interruption.Interruption.check", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        reached_together(ADAPTIVE, [paper_problem()])
+
+
 def test_no_problems_make_no_plans():
     assert reached_together(ADAPTIVE, []) == []
 

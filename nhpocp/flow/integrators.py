@@ -280,9 +280,8 @@ class CasadiFlow:
         derivatives = np.empty((0, states.shape[1], size))
         if stops:
             ends, jacobian = self._jacobian(stops)(start, np.ravel(coefficients))
-            states[list(stops)] = np.array(ends).reshape(
-                len(stops), -1
-            )  # the points that were differentiated
+            # the points that were differentiated
+            states[list(stops)] = np.array(ends).reshape(len(stops), -1)
             derivatives = np.array(jacobian).reshape(len(stops), states.shape[1], size)
         observed, watched = self._dynamics.observed, np.empty((len(states), 0))
         if observed is not None:
