@@ -18,9 +18,9 @@ from nhpocp.errors import InvalidProblemError, UnreadableSolutionError
 from nhpocp.problem import PlanningProblem
 from nhpocp.problem_file import variant
 from nhpocp.solution import Solution
-from nhpocp.solution_folder import check_target, is_solution_folder, load_solution
+from nhpocp.solution_folder import check_target, folder_name, is_solution_folder, load_solution
+from nhpocp.solution_folder.target import COMPARISON
 
-FILES = ("report.html", "comparison.csv", "comparison.json")
 ANIMATION = "animation.html"
 Report = Callable[[Comparison, Path, Mapping[str, str]], Any]
 Animate = Callable[[Sequence[Entry], Path], Any]
@@ -53,12 +53,6 @@ def plan(problems: Sequence[PlanningProblem], variants: Sequence[str], home: Pat
     return runs
 
 
-def folder_name(name: str) -> str:
-    """A problem's or a variant's name as one folder name: `nlp:control=basis` is nlp-control-basis."""
-    safe = "".join(character if character.isalnum() or character in "-_." else "-" for character in name)
-    return safe if safe.strip(".") and safe not in FILES else f"{safe.strip('.') or 'problem'}-"
-
-
 def check_home(home: Path) -> None:
     """Makes the folder of the report. Errors: `InvalidProblemError` where it cannot be written to."""
     try:
@@ -67,7 +61,7 @@ def check_home(home: Path) -> None:
             pass
     except OSError as error:
         raise InvalidProblemError(f"cannot write here: {error.strerror}", file=str(home)) from error
-    for name in FILES:
+    for name in COMPARISON:
         if (home / name).is_dir():
             raise InvalidProblemError("a folder stands where the report goes", file=str(home / name))
 
@@ -92,7 +86,7 @@ def write_comparison(
     }
     for name, write in writers.items():
         _write_whole(home / name, write)
-    return [home / name for name in (*FILES, *animations.values())]
+    return [home / name for name in (*COMPARISON, *animations.values())]
 
 
 def _write_animations(comparison: Comparison, home: Path, animate: Animate) -> dict[str, str]:

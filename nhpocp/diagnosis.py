@@ -7,8 +7,8 @@ from typing import Any
 import casadi as ca
 
 from nhpocp.flow.kernel_cache import cached
+from nhpocp.machine import environment
 from nhpocp.problem_file.registry import SYSTEMS, every_class
-from nhpocp.solution_folder import environment
 from nhpocp.solvers.optimizers import LINEAR_SOLVERS
 
 

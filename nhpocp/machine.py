@@ -88,3 +88,8 @@ def peak_memory() -> float | None:
         lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
         return next(round(int(line.split()[1]) / 1024, 1) for line in lines if line.startswith("VmHWM"))
     return None
+
+
+def environment(plugin: str | None = None) -> dict[str, Any]:
+    """What a result may depend on besides its problem: the machine and its versions, the NLP plugin, the compiler."""
+    return {**machine(), "plugin": plugin, "compiler": compiler()}

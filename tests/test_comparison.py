@@ -19,14 +19,14 @@ import pytest
 from conftest import Integrators, paper_problem
 
 from nhpocp.comparison import Comparison, Entry, Run, compare
-from nhpocp.comparison_folder import folder_name, load_comparison, plan, write_comparison
+from nhpocp.comparison_folder import load_comparison, plan, write_comparison
 from nhpocp.controls.control import Control
 from nhpocp.errors import InvalidProblemError, UnreadableSolutionError
 from nhpocp.flow.simulation import simulate
 from nhpocp.problem import Horizon, PlanningProblem
 from nhpocp.problem_file import load_problem, variant
 from nhpocp.solution import Outcome, Solution, Verdict
-from nhpocp.solution_folder import save_solution
+from nhpocp.solution_folder import folder_name, save_solution
 from nhpocp.solvers.continuation import Continuation
 from nhpocp.views.report import write_report
 

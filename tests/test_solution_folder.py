@@ -16,11 +16,11 @@ from conftest import PAPER_START, paper_problem
 from nhpocp import planning
 from nhpocp.constraints import Bound
 from nhpocp.errors import InvalidProblemError, UnreadableSolutionError
+from nhpocp.machine import environment
 from nhpocp.problem_file import load_problem
 from nhpocp.solution import Outcome
 from nhpocp.solution_folder import (
     check_target,
-    environment,
     load_solution,
     plain,
     save_solution,

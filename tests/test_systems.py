@@ -29,7 +29,7 @@ from nhpocp.problem import PlanningProblem
 from nhpocp.problem_file import load_problem, parse_problem, starter
 from nhpocp.problem_file.registry import SYSTEMS, system_class
 from nhpocp.solvers.initial_control import drawn
-from nhpocp.systems.numeric import numeric_system
+from nhpocp.systems.numeric import _least_along, numeric_system
 from nhpocp.systems.parallel_robot import ParallelRobot
 from nhpocp.verification import geometry
 from nhpocp.verification.replay import replay
@@ -370,3 +370,20 @@ def test_parameters_are_checked(model, parameters, path, words):
     with pytest.raises(InvalidProblemError, match=words) as caught:
         system_class(model)(**parameters)
     assert caught.value.path == path
+
+
+@pytest.mark.parametrize("kind", ["regular", "alike", "singular", "huge", "partly not finite"])
+def test_the_least_singular_value_along_a_path_is_that_of_all(kind):
+    matrices = np.random.default_rng(2).normal(size=(40, 6, 6))
+    if kind == "alike":
+        matrices = matrices[:1] * (1.0 + 1e-13 * np.arange(40))[::-1, None, None]
+    elif kind == "singular":
+        matrices[7, 2] = matrices[7, 3]
+    elif kind == "huge":
+        matrices[3] *= 1e200
+    elif kind == "partly not finite":
+        matrices[5, 0, 0] = np.nan
+    finite = matrices[np.isfinite(matrices).all(axis=(1, 2))]
+    values = np.linalg.svd(finite, compute_uv=False)[:, -1]
+    assert _least_along(matrices) == pytest.approx(values.min(), rel=1e-14, abs=1e-15)
+    assert _least_along(np.full((2, 3, 3), np.inf)) is None

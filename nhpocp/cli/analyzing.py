@@ -64,8 +64,7 @@ def analyze(
     """
     from nhpocp.analysis import analyze as examine
     from nhpocp.analysis_folder import save_analysis
-    from nhpocp.comparison_folder import folder_name
-    from nhpocp.solution_folder import check_target, plain
+    from nhpocp.solution_folder import check_target, folder_name, plain
 
     problem = load(file, overrides)
     folder = output or Path("results") / folder_name(problem.name) / "analysis"

@@ -45,8 +45,7 @@ def solve(
 ) -> int:
     """Solve FILE, verify the result, write a solution folder."""
     with _keeping() as interruption:
-        from nhpocp.comparison_folder import folder_name
-        from nhpocp.solution_folder import check_target, to_json
+        from nhpocp.solution_folder import check_target, folder_name, to_json
 
         problem = load(file, overrides)
         if solver not in problem.solvers:

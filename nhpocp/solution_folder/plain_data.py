@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from nhpocp.machine import environment
 from nhpocp.solution import Solution
-from nhpocp.solution_folder.environment import environment
 
 SCHEMA_VERSION = 1
 

@@ -17,6 +17,7 @@ PICTURES = ("controls", "relative_pose", "convergence", "margins", "robot", "fai
 ANIMATIONS = ("animation.html", "animation.gif", "animation.mp4")
 ANALYSIS = ("analysis.json", "map.npz")  # of `nhpocp analyze`, and its pictures
 ANALYSIS_PICTURES = ("singularity_map", "along_guess", "agility")
+COMPARISON = ("report.html", "comparison.csv", "comparison.json")  # beside the folders of the problems
 _DRAWN = (*PICTURES, *ANALYSIS_PICTURES)
 OWN = {
     *DATA,
@@ -25,6 +26,12 @@ OWN = {
     *(f"{name}.{kind}" for name in _DRAWN for kind in ("png", "svg", "pdf")),
 }
 SCRATCH = ".nhpocp-"  # prefix of the folders beside a target, while it is written
+
+
+def folder_name(name: str) -> str:
+    """A problem's or a variant's name as one folder name: `nlp:control=basis` is nlp-control-basis."""
+    safe = "".join(character if character.isalnum() or character in "-_." else "-" for character in name)
+    return safe if safe.strip(".") and safe not in COMPARISON else f"{safe.strip('.') or 'problem'}-"
 
 
 def check_target(folder: Path) -> None:

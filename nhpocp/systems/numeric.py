@@ -13,7 +13,7 @@ from nhpocp.arrays import Array
 from nhpocp.calls import call, mapped
 from nhpocp.systems.system import System
 
-ROUNDING = 1e-12  # of a matrix: what its determinant may be wrong by, for each of its other values
+ROUNDING = 1e-12  # what an eigenvalue of AᵀA may be wrong by, as a share of their sum
 EXPANDED = 3  # the largest matrix whose determinant is written out; others are eliminated, with pivots
 
 Expression = Callable[..., Any]  # (system, x, u, parameters) ↦ the expression
@@ -169,19 +169,17 @@ def _least_singular_value(matrices: Array) -> Array:
 def _least_along(matrices: Array) -> float | None:
     """The least singular value of all of (k, r, r) that are finite.
 
-    σ_min ≥ |det| / (|A|²/(r - 1))^{(r-1)/2}, since the other values' product is largest where they are equal: most
-    matrices are thereby seen to have a larger one than that which looks worst.
+    The eigenvalues of AᵀA cost less, and are wrong by rounding of |A|²: they say which matrices may have the least.
     """
-    finite = matrices[np.isfinite(matrices).all(axis=(1, 2))]
-    if not len(finite):
+    candidates = matrices[np.isfinite(matrices).all(axis=(1, 2))]
+    if not len(candidates):
         return None
-    others = finite.shape[1] - 1
-    size = np.sqrt(np.einsum("kij,kij->k", finite, finite) / max(others, 1))
-    with np.errstate(all="ignore"):
-        bounds = np.nan_to_num(np.abs(_determinant(finite)) / size**others, nan=0.0)
-    least = np.linalg.svd(finite[bounds.argmin()], compute_uv=False)[-1]
-    doubtful = finite[bounds <= least + ROUNDING * size]
-    return float(np.min(np.linalg.svd(doubtful, compute_uv=False)[:, -1], initial=least))
+    with np.errstate(over="ignore"):  # of a path that has run away
+        gram = candidates.swapaxes(1, 2) @ candidates
+    if np.isfinite(gram).all():
+        squares, doubt = np.linalg.eigvalsh(gram)[:, 0], ROUNDING * np.trace(gram, axis1=1, axis2=2)
+        candidates = candidates[squares - doubt <= (squares + doubt).min()]
+    return float(np.linalg.svd(candidates, compute_uv=False)[:, -1].min())
 
 
 def _determinant(matrices: Array) -> Array:
