@@ -101,7 +101,7 @@ def picture(
         draw(over_g, rates(goals), goal_looks(goals))
         over_g.axhline(WANTED_RATE, color=GREY, linewidth=0.7, linestyle=":")
         over_g.set(xlabel="goals", ylabel="goals planned per second")
-        title(over_g, "d", "continuation, auto, goal after goal")
+        title(over_g, "d", "continuation, auto, many goals")
         for axes, corner in ((over_k, "upper left"), (over_g, "best")):
             axes.legend(loc=corner, handlelength=2.8)
             axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))  # few decades
