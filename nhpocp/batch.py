@@ -43,9 +43,12 @@ def plan_many(
 
     Functions and kernels are made once a process. ``executor``: where to plan, a ProcessPoolExecutor for more cores;
     None: here. So many goals are taken ``together`` as the first of them is asked for, and planned side by side where
-    the method is an adaptive continuation. Errors: `InvalidProblemError` for a goal that is none; Ctrl-C ends the
-    series with `KeyboardInterrupt`, and what was handed out before stays good.
+    the method is an adaptive continuation; memory grows with them. Errors: `InvalidProblemError` for a goal that is
+    none, after the plans for those before it; what ``goals`` itself raises comes before the plans for the goals that
+    were taken with it. Ctrl-C ends the series with `KeyboardInterrupt`, and what was handed out before stays good.
     """
+    if together < 1:
+        raise InvalidProblemError(f"together is {together}; expected the number of goals to plan to at once")
     solver = solver or default_solver(problem)
     if executor is None:
         series = iter(goals)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import lru_cache
+from itertools import count
 from threading import get_ident
 from typing import Any
 
@@ -12,7 +13,9 @@ import numpy as np
 
 from nhpocp.arrays import Array
 
-FEW = 16  # samples
+PAID = (
+    6000  # samples evaluated one by one, which take as long as making a function that does them side by side
+)
 
 
 def call(function: ca.Function, *arguments: Array) -> tuple[Array, ...]:
@@ -70,15 +73,24 @@ def mapped(function: ca.Function, samples: int) -> ca.Function:
     return function.map(samples)
 
 
-@lru_cache(maxsize=64)
 def side_by_side(function: ca.Function, samples: int) -> ca.Function:
     """What `mapped` gives, for a function of SX symbols, but with each of its operations done for all samples at once.
 
-    Looking up what to do takes CasADi longer than doing it, and is so done once: for 400 samples that is six times as
-    fast. To make it takes as long as some 3000 samples, one by one; few samples are not worth that.
+    Looking up what to do takes CasADi longer than doing it, and is so done once: four to six times as fast for 400
+    samples. As making such a function is dear, `mapped` is handed out until that has cost as much.
     """
-    if samples <= FEW:
-        return mapped(function, samples)
+    times = next(_asked(function, samples))
+    return _side_by_side(function, samples) if times * samples >= PAID else mapped(function, samples)
+
+
+@lru_cache(maxsize=128)
+def _asked(function: ca.Function, samples: int) -> Iterator[int]:
+    """How often it has been asked for before."""
+    return count()
+
+
+@lru_cache(maxsize=64)
+def _side_by_side(function: ca.Function, samples: int) -> ca.Function:
     arguments = [
         ca.MX.sym(name, function.size1_in(place), function.size2_in(place) * samples)
         for place, name in enumerate(function.name_in())

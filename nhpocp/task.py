@@ -175,11 +175,6 @@ class AlikeTasks:
         self.first = tasks[0]
         self._wanted = np.stack([task._wanted for task in tasks])
 
-    @staticmethod
-    def alike(one: Task, other: Task) -> bool:
-        """Whether two tasks may be among them."""
-        return set(one.values) == set(other.values) and not (one.outputs or other.outputs)
-
     def differences(self, places: Array, points: Array) -> tuple[Array, Array]:
         """e (k, size), unweighted, of the tasks at these places, each at its point (k, n); which have one, (k,)."""
         lanes = np.arange(1 << (len(self._wanted) - 1).bit_length())  # so that few functions serve any number

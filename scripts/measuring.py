@@ -19,25 +19,28 @@ from nhpocp.machine import compiler, machine
 Name = TypeVar("Name", bound=Hashable)
 SCRIPTS = Path(__file__).parent
 ROUND = 0.1  # seconds at least for one way in one round
+WARM = 0.5  # seconds of calls before the first round: functions that pay only after a while are made by then
 
 
-def warm(run: Callable[[], object]) -> float:
-    """Seconds of the second call."""
-    run()
-    began = perf_counter()
-    run()
+def warm(run: Callable[[], object], rounds: int) -> float:
+    """Seconds of the last of some calls, two where there is one round only."""
+    first, calls = perf_counter(), 0
+    while calls < 2 or (rounds > 1 and perf_counter() - first < WARM):
+        began = perf_counter()
+        run()
+        calls += 1
     return perf_counter() - began
 
 
 def interleaved(
     runs: Mapping[Name, Callable[[], object]], rounds: int, once: Mapping[Name, float] | None = None
 ) -> dict[Name, list[float]]:
-    """Seconds of one call, for each way and round; a way is called until ``ROUND`` seconds are full.
+    """Seconds of one call, for each way and round; if several, a way is called until ``ROUND`` seconds are full.
 
     once: seconds of a call of each, of which the number of calls is made; those not `warm` yet are called before.
     """
-    once = once or {name: warm(run) for name, run in runs.items()}
-    repeats = {name: max(1, int(ROUND / once[name])) for name in runs}
+    once = once or {name: warm(run, rounds) for name, run in runs.items()}
+    repeats = {name: max(1, int(ROUND / once[name])) if rounds > 1 else 1 for name in runs}
     times: dict[Name, list[float]] = {name: [] for name in runs}
     for _ in range(rounds):
         for name, run in runs.items():

@@ -23,7 +23,7 @@ def grow(ways: Mapping[str, Make], sizes: Sequence[int], rounds: int) -> Curves:
     for name, make in ways.items():
         for size in sizes:
             runs[name, size] = make(size)
-            once[name, size] = warm(runs[name, size])
+            once[name, size] = warm(runs[name, size], rounds)
             if once[name, size] > PATIENCE:
                 break
     curves: Curves = {name: {} for name in ways}

@@ -74,6 +74,12 @@ def test_no_goal_at_all_is_an_error_that_says_so(task):
         next(plans)
 
 
+def test_none_together_is_refused(task):
+    problem, goals = task
+    with pytest.raises(nhpocp.InvalidProblemError, match="together is 0"):
+        next(nhpocp.plan_many(problem, goals, together=0))
+
+
 def test_an_interrupted_series_ends_as_interrupted(task, monkeypatch):
     problem, goals = task
     plans = nhpocp.plan_many(problem, goals, Continuation(step_rule=Adaptive()), together=1)

@@ -4,7 +4,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from nhpocp.calls import FEW, call, lent, mapped, side_by_side
+from nhpocp.calls import PAID, _side_by_side, call, lent, mapped, side_by_side
 
 X, Y = ca.SX.sym("x", 3), ca.SX.sym("Y", 2, 3)
 FUNCTIONS = {
@@ -27,12 +27,12 @@ FUNCTIONS = {
 }
 
 
-@pytest.mark.parametrize("samples", [1, FEW, FEW + 1, 60])
+@pytest.mark.parametrize("samples", [1, 2, 60])
 @pytest.mark.parametrize("name", FUNCTIONS)
 def test_side_by_side_is_one_by_one(name, samples):
     random, function = np.random.default_rng(samples), FUNCTIONS[name]
     x, y = random.uniform(0.1, 1.0, (samples, 3)), random.uniform(-1.0, 1.0, (3 * samples, 2))
-    together, one_by_one = call(side_by_side(function, samples), x, y), call(mapped(function, samples), x, y)
+    together, one_by_one = call(_side_by_side(function, samples), x, y), call(mapped(function, samples), x, y)
     for found, expected in zip(together, one_by_one, strict=True):
         np.testing.assert_array_equal(found, expected)
 
@@ -48,3 +48,10 @@ def test_what_is_lent_is_written_over_and_what_is_called_for_is_not():
 def test_wrong_sizes_are_named():
     with pytest.raises(ValueError, match="4 numbers for i0, 3 expected"):
         call(ca.Function("double", [X], [2 * X]), np.ones(4))
+
+
+def test_side_by_side_is_made_once_it_would_have_paid():
+    function, samples = ca.Function("triple", [X], [3 * X]), 1000
+    asked = [side_by_side(function, samples) for _ in range(PAID // samples + 3)]
+    made = [found is not mapped(function, samples) for found in asked]
+    assert made == [False] * (PAID // samples) + [True] * 3

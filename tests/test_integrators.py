@@ -6,7 +6,7 @@ import pytest
 from conftest import PAPER_START
 
 from nhpocp.controls.fourier import Fourier
-from nhpocp.flow.dynamics import Dynamics
+from nhpocp.flow.dynamics import Dynamics, dynamics
 from nhpocp.flow.integrators import CasadiRungeKutta, Cvodes, RungeKutta4, uniform_grid
 from nhpocp.flow.runge_kutta import runge_kutta_step
 from nhpocp.systems.numeric import NumericSystem
@@ -58,6 +58,19 @@ def test_runge_kutta_has_order_four_and_the_known_errors(problem):
     np.testing.assert_allclose(errors, [1.8e-7, 1.2e-8, 7.3e-10], rtol=0.1)
     orders = np.log2(np.array(errors[:-1]) / errors[1:])
     np.testing.assert_allclose(orders, 4, atol=0.15)
+
+
+def test_the_ends_of_many_controls_are_those_of_each(integrator, problem):
+    flow = integrator.flow(dynamics(problem.system), problem.basis, 1.0)
+    controls = PAPER_START * np.array([1.0, 0.8])[:, None, None]
+    found, bare = (flow.ends(problem.start_point, controls, way) for way in (True, False))
+    for k, coefficients in enumerate(controls):
+        path, derivatives, watched = flow.sensitivity(problem.start_point, coefficients)
+        np.testing.assert_allclose(found.states[k], path[-1], atol=1e-12)
+        np.testing.assert_allclose(bare.states[k], path[-1], atol=1e-8)
+        np.testing.assert_allclose(found.derivatives[k], derivatives[-1], atol=1e-12)
+        np.testing.assert_allclose(found.watched[k], watched, rtol=1e-12)
+    assert not bare.derivatives.size
 
 
 def test_sensitivity_is_the_derivative(integrator, problem):

@@ -15,6 +15,7 @@ import pytest
 from conftest import Integrators, paper_problem
 
 from nhpocp import machine
+from nhpocp.batch import plan_many
 from nhpocp.constraints import Bound
 from nhpocp.controls.fourier import Fourier
 from nhpocp.controls.piecewise_constant import PiecewiseConstant
@@ -26,14 +27,17 @@ from nhpocp.flow.integrators import RungeKutta4
 from nhpocp.flow.kernel_cache import NotCompilableError
 from nhpocp.flow.kernel_source import _accessed
 from nhpocp.flow.kernels import Compiled, CompiledWhenReady, Interpreted
-from nhpocp.flow.runge_kutta import Ends, Scheme
+from nhpocp.flow.runge_kutta import Ends, Scheme, scheme
 from nhpocp.problem import Horizon, PlanningProblem
 from nhpocp.problem_file import parse_problem
 from nhpocp.problem_file.registry import SYSTEMS
 from nhpocp.problem_file.starters import starter
 from nhpocp.solvers import interval
+from nhpocp.solvers.continuation import Continuation
 from nhpocp.solvers.guesses import ProblemGuess, make_guess
 from nhpocp.solvers.multiple_shooting import MultipleShooting
+from nhpocp.solvers.step_rules import Adaptive
+from nhpocp.solvers.strategies import Auto
 from nhpocp.solvers.transcription import Transcription
 from nhpocp.systems.numeric import NumericSystem
 from nhpocp.systems.three_upu import ThreeUPU
@@ -134,7 +138,7 @@ def shots(way) -> np.ndarray:
     return np.concatenate(values(transcribed(LINEAR, way)))
 
 
-KINDS = pytest.mark.parametrize("numbers", [sweep, shots])
+KINDS = pytest.mark.parametrize("numbers", [sweep, ends, shots])
 
 
 def stored(folder: Path) -> list[Path]:
@@ -241,7 +245,9 @@ def test_a_kernel_that_disagrees_is_not_used(
     expected, made = numbers(Interpreted()), module.c_source
     assert right in made_of(made, numbers)
     monkeypatch.setattr(module, "c_source", lambda parts: made(parts).replace(right, wrong))
-    np.testing.assert_allclose(numbers(Compiled()), expected, rtol=1e-9, atol=1e-9)
+    found = numbers(Compiled())
+    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
+    assert numbers is ends or np.array_equal(found, expected)
     assert "disagrees" in caplog.text
     assert len(stored(cache)) == (numbers is ends)  # in its place that of the sweeps
 
@@ -368,7 +374,38 @@ def test_auto_leaves_bundles_to_sweeps_until_their_kernel_is_there(cache, monkey
     forget()
     led(Compiled(), problem)
     forget()
+    led(eager, problem)
     np.testing.assert_allclose(led(eager, problem).derivatives, first.derivatives, atol=1e-12)
+    assert kernels._of_bundles(scheme(dynamics(problem.system))).kernel is not None
+
+
+@needs_compiler
+def test_a_bundle_kernel_is_tried_on_controls_that_differ(cache, caplog, monkeypatch, quick):
+    made, problem = bundle_source.c_source, paper_problem()
+    monkeypatch.setattr(
+        bundle_source, "c_source", lambda scheme: made(scheme).replace("sum += table", "sum += l * table")
+    )
+    flow = RungeKutta4(13, Compiled()).flow(dynamics(problem.system), problem.basis, 1.0)
+    flow.ends(problem.start_point, many(problem, 1), differentiated=False)
+    assert "disagrees" in caplog.text
+
+
+@needs_compiler
+def test_bundles_as_they_are_built_in_earnest(cache):
+    """Vector instructions, a basis with jumps, and the plans that are made of them."""
+    problem = replace(paper_problem(), basis=PiecewiseConstant(9), initial=None)
+    compiled, interpreted = (led(way, problem, steps=30) for way in (Compiled(), Interpreted()))
+    for found, expected in zip(compiled, interpreted, strict=True):
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
+    problem = paper_problem()
+    goals = [{**problem.goal, "position": [-0.4, -0.2, z]} for z in (34.0, 34.5, 35.0)]
+    plans = [
+        list(plan_many(problem, goals, Auto(Continuation(Adaptive(), integrator=RungeKutta4(100, way)))))
+        for way in (Compiled(), Interpreted())
+    ]
+    for ours, expected in zip(*plans, strict=True):
+        assert (ours.outcome, ours.evaluations) == (expected.outcome, expected.evaluations)
+        np.testing.assert_allclose(ours.control.coefficients, expected.control.coefficients, atol=1e-9)
 
 
 # --- the intervals of an NLP ------------------------------------------------------------------------------------

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from goals import paper_task
 
+from nhpocp.flow.dynamics import dynamics
 from nhpocp.flow.integrators import RungeKutta4
 from nhpocp.flow.kernels import Compiled, Interpreted
 from nhpocp.solution import Outcome
@@ -39,3 +40,15 @@ def test_a_continuation(benchmark, kernels):
     solution = benchmark(solver.solve, paper_task("default"))
     assert solution.outcome is Outcome.CONVERGED
     assert solution.control.effort == pytest.approx(3.5093, abs=1e-3)  # (17) at γ = 1
+
+
+@pytest.mark.parametrize("kernels", [Compiled(), Interpreted()], ids=["compiled", "interpreted"])
+def test_the_ends_of_64_controls(benchmark, kernels):
+    problem = paper_task("default")
+    flow = RungeKutta4(kernels=kernels).flow(dynamics(problem.system), problem.basis, 1.0)
+    noise = np.random.default_rng(0).normal(0.0, 0.1, (64, *problem.initial.shape))
+    found = benchmark(flow.ends, problem.start_point, problem.initial + noise)
+    assert found.derivatives.shape == (64, 6, 15)
+    np.testing.assert_allclose(
+        found.states[7], flow.end(problem.start_point, problem.initial + noise[7]), atol=1e-12
+    )

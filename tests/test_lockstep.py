@@ -25,6 +25,17 @@ FILES = sorted((Path(__file__).parents[1] / "problems").glob("*.yaml"))
 ADAPTIVE = Continuation(step_rule=Adaptive(), max_iterations=40)
 
 
+class Lazy(Adaptive):
+    """A rule of somebody's own."""
+
+    def updates(self, here, evaluate):
+        return iter(())
+
+
+class Own(Continuation):
+    """A solver of somebody's own."""
+
+
 def bare(file):
     """A problem of the library without its bounds and via poses, with a control to begin with."""
     problem = nhpocp.load_problem(file)
@@ -93,8 +104,10 @@ def test_auto_keeps_what_finer_steps_confirm(monkeypatch):
         (ADAPTIVE, {"bounds": [Bound("leg_length", "leg_lengths", 0.0, 100.0)]}),
         (replace(ADAPTIVE, max_iterations=1), {}),
         (ADAPTIVE, {"goal": {"leg_lengths": [33.0, 34.0, 35.0]}}),
+        (replace(ADAPTIVE, step_rule=Lazy()), {}),
+        (Own(step_rule=Adaptive()), {}),
     ],
-    ids=["euler", "objective", "no start", "no rank", "bounds", "limit", "outputs"],
+    ids=["euler", "objective", "no start", "no rank", "bounds", "limit", "outputs", "own rule", "own solver"],
 )
 def test_the_unusual_is_left_to_the_solver(solver, changes):
     assert reached_together(solver, [paper_problem(**changes)]) == [None]
@@ -106,6 +119,26 @@ def test_goals_beyond_a_singular_surface_do_not_hold_up_the_others():
     found = reached_together(ADAPTIVE, [problem, beyond, problem])
     assert [plan is None for plan in found] == [False, True, False]
     np.testing.assert_array_equal(found[0].coefficients, found[2].coefficients)
+
+
+def test_goals_in_different_coordinates_are_each_planned_to():
+    problem = paper_problem()
+    position = problem.towards({"position": problem.goal["position"]})
+    lengths = problem.towards({"leg_lengths": [33.0, 34.0, 35.0]})
+    found = reached_together(ADAPTIVE, [lengths, problem, position, problem])
+    assert [plan is None for plan in found] == [True, False, False, False]
+    assert found[1].evaluations != found[2].evaluations or not np.allclose(
+        found[1].coefficients, found[2].coefficients
+    )
+
+
+def test_a_failure_of_the_linear_algebra_is_left_to_the_solver(monkeypatch):
+    def fails(*arguments, **options):
+        raise np.linalg.LinAlgError("SVD did not converge")
+
+    problem = paper_problem()
+    monkeypatch.setattr(np.linalg, "svd", fails)
+    assert reached_together(ADAPTIVE, [problem, problem]) == [None, None]
 
 
 def test_ctrl_c_ends_a_search(monkeypatch):

@@ -38,8 +38,9 @@ class BundleKernel:
         lanes = np.arange(groups * LANES)
         coefficients = np.ascontiguousarray(bundle.coefficients, dtype=float).take(lanes, axis=0, mode="wrap")
         ends = np.empty((groups, scheme.size, LANES))
-        watched = np.empty((groups, steps + 1, scheme.watches, LANES))
-        derivatives = np.empty((groups * bundle.differentiated, size, scheme.rows, inputs, LANES))
+        more = groups * bundle.differentiated
+        watched = np.empty((more, steps + 1, scheme.watches, LANES))
+        derivatives = np.empty((more, size, scheme.rows, inputs, LANES))
         start, work = np.array(bundle.start, dtype=float), self._room(steps, count)
         arrays = grid.h, grid.nodes, grid.table, start, coefficients, work, ends, watched, derivatives
         h, nodes, table, *others = map(address, arrays)
@@ -56,7 +57,8 @@ class BundleKernel:
     def _room(self, steps: int, count: int) -> Array:
         """Memory for so many steps and nodes."""
         scheme = self._scheme
-        wanted = LANES * (4 * steps * scheme.size + count * scheme.inputs * (scheme.rows + 1))
+        wanted = 4 * steps * scheme.size + count * scheme.inputs * (scheme.rows + 1)
+        wanted = LANES * (wanted + 3 * scheme.size * scheme.rows + 4 * scheme.entries)
         if self._work.size < wanted:
             self._work = np.zeros(wanted)
         return self._work

@@ -36,9 +36,9 @@ static void controls(long long count, long long size, const double *table, const
 
 /* the wanted rows at y pulled back through all steps: what they gather at the nodes, count x R x M x L, zero before */
 static void pull(long long steps, const double *h, const long long *nodes, const double *u, const double *points,
-                 const double *y, double *gathered) {
-  double matrix[N * R * L], tape[(4 * E + 1) * L], c[2][R * N * L], g[3 * M * L], hs[L];
-  double *now = c[0], *before = c[1];
+                 const double *y, double *gathered, double *work) {
+  double *matrix = work, *tape = matrix + N * R * L, *now = tape + 4 * E * L, *before = now + R * N * L;
+  double g[3 * M * L], hs[L];
   observed(y, matrix);
   for (int r = 0; r < R; ++r)
     for (int j = 0; j < N; ++j) copy(L, matrix + (j * R + r) * L, now + (r * N + j) * L);
@@ -58,9 +58,9 @@ static void pull(long long steps, const double *h, const long long *nodes, const
 }
 
 /* groups: of L controls each, coefficients groups x L x M x size, from one start. nodes: for each step, which rows of
-   the table of basis functions, count x size, stand at its start, middle and end. ends: groups x N x L; watched_at:
-   groups x (steps + 1) x W x L; derivatives of the observed rows at the ends: groups x size x R x M x L, or none.
-   work: 4 steps N L + count M (R + 1) L doubles. */
+   the table of basis functions, count x size, stand at its start, middle and end. ends: groups x N x L; where wanted,
+   watched_at: groups x (steps + 1) x W x L, derivatives of the observed rows at the ends: groups x size x R x M x L.
+   work: (4 steps N + count M (R + 1) + 3 N R + 4 E) L doubles. */
 CASADI_SYMBOL_EXPORT void nhpocp_bundle(long long steps, const double *h, const long long *nodes, long long count,
                                         long long size, const double *table, const double *start, long long groups,
                                         const double *coefficients, double *work, double *ends, double *watched_at,
@@ -71,18 +71,18 @@ CASADI_SYMBOL_EXPORT void nhpocp_bundle(long long steps, const double *h, const 
     double *now = y[0], *next = y[1], *w = watched_at + b * (steps + 1) * W * L;
     controls(count, size, table, coefficients + b * L * M * size, u);
     for (int j = 0; j < N * L; ++j) now[j] = start[j / L];
-    watched(now, w);
+    if (watched_at) watched(now, w);
     for (long long k = 0; k < steps; ++k) {
       for (int i = 0; i < 3; ++i) copy(M * L, u + nodes[3 * k + i] * M * L, u3 + i * M * L);
       for (int l = 0; l < L; ++l) hs[l] = h[k];
       step(now, hs, u3, next, points + 4 * k * N * L);
       double *t = now; now = next; next = t;
-      watched(now, w + (k + 1) * W * L);
+      if (watched_at) watched(now, w + (k + 1) * W * L);
     }
     copy(N * L, now, ends + b * N * L);
     if (!derivatives) continue;
     for (long long j = 0; j < count * R * M * L; ++j) gathered[j] = 0.0;
-    pull(steps, h, nodes, u, points, now, gathered);
+    pull(steps, h, nodes, u, points, now, gathered, gathered + count * R * M * L);
     for (long long f = 0; f < size; ++f) {
       double *found = derivatives + (b * size + f) * R * M * L;
       for (int j = 0; j < R * M * L; ++j) found[j] = 0.0;

@@ -125,7 +125,8 @@ class RungeKuttaFlow:
         return self.states(start, coefficients)[-1]
 
     def ends(self, start: Array, coefficients: Array, differentiated: bool = True) -> Ends:
-        bundle = Bundle(np.asarray(start, dtype=float), self._grid, coefficients, differentiated)
+        start, coefficients = (np.asarray(numbers, dtype=float) for numbers in (start, coefficients))
+        bundle = Bundle(start, self._grid, coefficients, differentiated)
         return self._kernels.bundled(scheme(self._dynamics), bundle)
 
     def sensitivity(self, start: Array, coefficients: Array, stops: Sequence[int] = (-1,)) -> Swept:
@@ -137,7 +138,7 @@ class RungeKuttaFlow:
 
     def _forwards(self, functions: Scheme, sweep: Sweep) -> Swept:
         """dy/dλ from the first step to the last: one pass for any number of stops."""
-        steps, ends = functions.linearised(sweep), list(sweep.stops)
+        steps, ends = functions.linearised_along(sweep), list(sweep.stops)
         path, along = steps.path, steps.pushed_on(sweep.grid.basis)[ends]
         (matrices,) = call(mapped(functions.observed, len(ends)), path[ends])
         derivatives = matrices.reshape(len(ends), functions.size, functions.rows).swapaxes(1, 2) @ along
@@ -276,21 +277,20 @@ class CasadiFlow:
         return np.array(self._end(x0=start, p=np.ravel(coefficients))["xf"]).ravel()
 
     def sensitivity(self, start: Array, coefficients: Array, stops: Sequence[int] = (-1,)) -> Swept:
-        states, size = self.states(start, coefficients), np.size(coefficients)
-        derivatives = np.empty((0, states.shape[1], size))
-        if stops:
-            ends, jacobian = self._jacobian(stops)(start, np.ravel(coefficients))
-            # the points that were differentiated
-            states[list(stops)] = np.array(ends).reshape(len(stops), -1)
-            derivatives = np.array(jacobian).reshape(len(stops), states.shape[1], size)
+        ends, jacobian = self._jacobian(stops)(start, np.ravel(coefficients))
+        states = self.states(start, coefficients)
+        states[list(stops)] = np.array(ends).reshape(len(stops), -1)  # the points that were differentiated
+        derivatives = np.array(jacobian).reshape(len(stops), states.shape[1], -1)
         observed, watched = self._dynamics.observed, np.empty((len(states), 0))
         if observed is not None:
             matrices = [call(observed, states[stop])[0].T for stop in stops]
-            derivatives = np.reshape(matrices, (len(stops), *observed.size_out(0))) @ derivatives
+            derivatives = np.stack(matrices) @ derivatives
         if self._dynamics.watched is not None:
             (watched,) = call(mapped(self._dynamics.watched, len(states)), states)
         return Swept(states, derivatives, watched)
 
     def ends(self, start: Array, coefficients: Array, differentiated: bool = True) -> Ends:
-        stops = (-1,) if differentiated else ()
-        return ends_of([self.sensitivity(start, each, stops) for each in coefficients])
+        if differentiated:
+            return ends_of([self.sensitivity(start, each) for each in coefficients])
+        nothing = np.empty((0, 0, 0))
+        return Ends(np.stack([self.end(start, each) for each in coefficients]), nothing, nothing)

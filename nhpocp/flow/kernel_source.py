@@ -129,7 +129,7 @@ INLINED void against_basis(const int functions, long long count, long long size,
 /* y: steps + 1 states, the first given. nodes: for each step, which rows of the table of basis functions, count x size,
    stand at its start, middle and end. derivatives: for each stop, those of the observed rows there by the coefficients,
    stops x size x R x M; without stops none is worked out.
-   watched: the watched numbers at every state.
+   watched: the watched numbers at every state, with stops.
    work: (N + M + E) L doubles for every L samples, 4 samples a step, and M (R + 1) a node. */
 CASADI_SYMBOL_EXPORT void nhpocp_sweep(long long steps, const double *h, const long long *nodes,
                                        long long count, long long size, const double *table, const double *coefficients,
@@ -156,7 +156,7 @@ CASADI_SYMBOL_EXPORT void nhpocp_sweep(long long steps, const double *h, const l
       for (int j = 0; j < M; ++j) sample[(N + j) * L] = control[i][j];
     }}
   }}
-  watch(steps + 1, y, watched);
+  if (stops) watch(steps + 1, y, watched);
   for (long long b = 0; stops && b < blocks; ++b) slopes(samples + b * (N + M) * L, tape + b * E * L);
   for (long long s = 0; s < stops; ++s) {{
     double *now = c[0], *before = c[1];

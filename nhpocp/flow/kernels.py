@@ -24,6 +24,7 @@ TRIED_STEPS = 4  # of the first sweep, on which a kernel is tried
 SOLVE = 4.6e-6  # seconds that a solve takes, roughly, for each instruction (`Shot.length`) of each interval
 
 K = TypeVar("K")
+R = TypeVar("R")
 Trial = Callable[[], tuple[Array, Array]]
 
 
@@ -55,26 +56,31 @@ class _Way(ABC):
             trial = sweep.first(TRIED_STEPS)
             return agree(kernel.swept(trial), scheme.swept(trial))
 
-        place = _of_sweeps(scheme)
-        kernel = self.wanted(place, agrees, 0.0)
-        if kernel:
-            return kernel.swept(sweep)
-        began = perf_counter()
-        found = scheme.swept(sweep)
-        place.note(perf_counter() - began)
-        return found
+        return self._done(_of_sweeps(scheme), agrees, lambda k: k.swept(sweep), lambda: scheme.swept(sweep))
 
     def bundled(self, scheme: Scheme, bundle: Bundle) -> Ends:
         def agrees(kernel: BundleKernel) -> bool:
-            trial = bundle.first(LANES + 1, TRIED_STEPS)
+            trial = bundle.trial(LANES + 1, TRIED_STEPS)
             return agree(kernel.bundled(trial), scheme.bundled(trial))
 
-        place = _of_bundles(scheme)
+        def one_by_one() -> Ends:
+            return ends_of([self.swept(scheme, sweep) for sweep in bundle.sweeps()])
+
+        return self._done(_of_bundles(scheme), agrees, lambda k: k.bundled(bundle), one_by_one)
+
+    def _done(
+        self,
+        place: Place[K],
+        agrees: Callable[[K], bool],
+        compiled: Callable[[K], R],
+        otherwise: Callable[[], R],
+    ) -> R:
+        """What the kernel of a place gives, or CasADi's evaluation, whose time is taken down."""
         kernel = self.wanted(place, agrees, 0.0)
         if kernel:
-            return kernel.bundled(bundle)
+            return compiled(kernel)
         began = perf_counter()
-        found = ends_of([self.swept(scheme, sweep) for sweep in bundle.sweeps()])
+        found = otherwise()
         place.note(perf_counter() - began)
         return found
 

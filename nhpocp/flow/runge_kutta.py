@@ -70,7 +70,7 @@ class Swept(NamedTuple):
 
     path: Array  # y, (steps + 1, n)
     derivatives: Array  # of the observed rows at the stops, (stops, rows, m·size)
-    watched: Array  # numbers at every point of the path, (steps + 1, k)
+    watched: Array  # numbers at every point of the path, (steps + 1, k); none without stops, (0, k)
 
 
 class Bundle(NamedTuple):
@@ -86,9 +86,11 @@ class Bundle(NamedTuple):
         stops = (len(self.grid.h),) if self.differentiated else ()
         return [Sweep(self.start, self.grid, each, stops) for each in self.coefficients]
 
-    def first(self, number: int, steps: int) -> Bundle:
-        """Fewer and shorter ones."""
-        return self._replace(grid=self.grid.first(steps), coefficients=self.coefficients[:number])
+    def trial(self, number: int, steps: int) -> Bundle:
+        """So many shorter ones, no two alike, differentiated."""
+        coefficients = self.coefficients.take(np.arange(number), axis=0, mode="wrap")
+        factors = 1.0 + np.arange(number)[:, None, None] / 64.0
+        return Bundle(self.start, self.grid.first(steps), factors * coefficients, True)
 
 
 class Ends(NamedTuple):
@@ -96,7 +98,7 @@ class Ends(NamedTuple):
 
     states: Array  # y(T), (k, n); finite where the whole path is
     derivatives: Array  # of the observed rows there, (k, rows, m·size), or (0, …)
-    watched: Array  # along the paths, (k, steps + 1, …)
+    watched: Array  # along the paths, (k, steps + 1, …), or (0, …)
 
 
 class Scheme:
@@ -166,10 +168,10 @@ class Scheme:
         """By CasADi's own evaluation, one path after another."""
         return ends_of([self.swept(sweep) for sweep in bundle.sweeps()])
 
-    def linearised(self, sweep: Sweep) -> Linearised:
+    def linearised_along(self, sweep: Sweep) -> Linearised:
         """The path, and what every step makes of changes of its state and controls; by CasADi's own evaluation.
 
-        Good until the thread's next call.
+        Good until the thread asks again for as many steps.
         """
         h, controls, n = sweep.h, sweep.controls(), self.size
         found, points = lent(accumulated(self.step, len(h)), sweep.start, h, controls)
@@ -188,9 +190,8 @@ class Scheme:
         """By CasADi's own evaluation."""
         derivatives = np.zeros((len(sweep.stops), self.rows, sweep.coefficients.size))
         if not len(sweep.stops):
-            path = walked(self.rate, sweep)
-            return Swept(path, derivatives, self.watched_along(path))
-        steps = self.linearised(sweep)
+            return Swept(walked(self.rate, sweep), derivatives, np.empty((0, self.watches)))
+        steps = self.linearised_along(sweep)
         for found, stop in zip(derivatives, sweep.stops, strict=True):
             if stop:  # y(0) is given
                 (matrix,) = call(self.observed, steps.path[stop])
@@ -201,8 +202,9 @@ class Scheme:
 def ends_of(found: Sequence[Swept]) -> Ends:
     """The ends of sweeps that all stop there, or nowhere."""
     path, derivatives, watched = (np.stack(parts) for parts in zip(*found, strict=True))
-    last = derivatives[:, -1] if derivatives.shape[1] else np.empty((0, *derivatives.shape[2:]))
-    return Ends(path[:, -1], last, watched)
+    if derivatives.shape[1]:
+        return Ends(path[:, -1], derivatives[:, -1], watched)
+    return Ends(path[:, -1], np.empty((0, *derivatives.shape[2:])), np.empty((0, *watched.shape[1:])))
 
 
 @dataclass(frozen=True)

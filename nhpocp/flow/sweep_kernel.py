@@ -38,13 +38,14 @@ class SweepKernel:
         """As `Kernels.swept`."""
         scheme, grid = self._scheme, sweep.grid
         steps, (count, size) = len(grid.h), grid.table.shape
+        points = (steps + 1) * bool(sweep.stops)  # that are watched
         _work, work_at = self._room(steps, count)  # held: another thread may ask for more meanwhile
         h, nodes, table = self._places.get(grid) or self._placed(grid)
         stops, stops_at = _stops(sweep.stops)
         entries = size * scheme.rows * scheme.inputs
         first = (steps + 1) * scheme.size
         second = first + len(stops) * entries
-        found = np.empty(second + (steps + 1) * scheme.watches)
+        found = np.empty(second + points * scheme.watches)
         found[: scheme.size] = sweep.start
         coefficients = np.array(sweep.coefficients, dtype=float, order="C")
         at = address(found)
@@ -68,7 +69,7 @@ class SweepKernel:
         return Swept(
             path.reshape(steps + 1, scheme.size),
             derivatives.reshape(len(stops), scheme.rows, scheme.inputs * size),
-            watched.reshape(steps + 1, scheme.watches),
+            watched.reshape(points, scheme.watches),
         )
 
     def _room(self, steps: int, count: int) -> tuple[Array, int]:

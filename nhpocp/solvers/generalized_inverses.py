@@ -13,6 +13,8 @@ from nhpocp.arrays import Array, norm
 from nhpocp.controls.basis import ControlBasis
 from nhpocp.errors import InvalidProblemError
 
+NEGLIGIBLE = 1e-14  # σ/σ₁ under which a singular value is rounding
+
 
 class Metric(Protocol):
     """An inner product on the coefficients λ."""
@@ -121,7 +123,7 @@ class Spectrum:
     def within(self, radius: float) -> tuple[Array, Array]:
         """-J^T (J J^T + μ)⁻¹ e and its image, with the μ that makes its length in the metric the radius, or 0."""
         values = self.values
-        used = len(values) if values[-1] > 1e-14 * values[0] else rank_of(values, 1e-14)
+        used = len(values) if values[-1] > NEGLIGIBLE * values[0] else rank_of(values, NEGLIGIBLE)
         inner = within_radius(values[:used], self.error[:used], radius)
         step = self.coordinates.coefficients(-self.right[:used].T @ inner)
         return step, -self.left[:, :used] @ (values[:used] * inner)

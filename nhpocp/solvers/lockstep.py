@@ -1,7 +1,7 @@
 """The adaptive continuation towards many goals from one start, each of its operations done for all goals at once.
 
-The formulas are those of `Adaptive` and `MoorePenrose`, and so are the plans, to rounding. Only what goes well is dealt
-with here: a goal whose search meets anything else is left to the solver itself, which finds out what and says it.
+The formulas are those of `Adaptive` and `MoorePenrose`, and so are the plans, to rounding. Trials are refused as there;
+a goal whose search does not end at it so is left to the solver itself, which finds out why and says it.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Solver
 from nhpocp.solvers.claims import finer
 from nhpocp.solvers.continuation import DIVERGED_ABOVE, STAGNATION_WINDOW, Continuation
-from nhpocp.solvers.generalized_inverses import Coordinates, MoorePenrose, within_radius
+from nhpocp.solvers.generalized_inverses import NEGLIGIBLE, Coordinates, MoorePenrose, within_radius
 from nhpocp.solvers.interruption import Interruption
 from nhpocp.solvers.step_rules import KEPT, PROMISED, SMALLEST, Adaptive, next_radius
 from nhpocp.solvers.strategies import EVALUATIONS, Auto
@@ -47,44 +47,59 @@ def reached_together(solver: Solver, problems: Sequence[PlanningProblem]) -> lis
     Of the strategies of `Auto` only the first is tried here, the problem's own start.
     """
     reached: list[Reached | None] = [None] * len(problems)
-    solver_alone = solver.continuation if isinstance(solver, Auto) else solver
-    if not (problems and isinstance(solver_alone, Continuation)):
+    tried = type(solver) is Auto  # whether claims are tried with finer steps
+    method = _method(solver.continuation if type(solver) is Auto else solver, problems)
+    if method is None:
         return reached
-    method = _method(solver_alone, problems[0])
-    places = _on_our_side(problems) if method else []
-    if not (method and places):
-        return reached
-    search = _Lockstep(solver_alone, *method, [problems[place] for place in places])
-    limit = EVALUATIONS if isinstance(solver, Auto) else STAGNATION_WINDOW
-    found = search.found(min(limit, solver_alone.max_iterations))
-    if isinstance(solver, Auto):
-        found = search.confirmed(found)
-    for place, plan in found.items():
-        reached[places[place]] = plan
+    limit = min(EVALUATIONS if tried else STAGNATION_WINDOW, method.solver.max_iterations)
+    with Interruption() as interruption, np.errstate(all="ignore"):
+        for places in _alike(problems):
+            try:
+                search = _Lockstep(method, [problems[place] for place in places], interruption)
+                found = search.found(limit)
+                found = search.confirmed(found) if tried else found
+            except (
+                np.linalg.LinAlgError,
+                RuntimeError,
+            ):  # LAPACK's and CasADi's: whose goal it is, the solver says
+                found = {}
+            interruption.check()
+            for place, plan in found.items():
+                reached[places[place]] = plan
     return reached
 
 
-def _method(solver: Continuation, problem: PlanningProblem) -> tuple[Adaptive, MoorePenrose] | None:
-    """The parts of a method that is known here; None for others, and where more is asked than to drive E to zero."""
-    rule, inverse = solver.step_rule, solver.inverse
-    by_steps = isinstance(solver.integrator, RungeKutta4) and solver.sensitivity is DifferentiatedEndPointMap
+class _Method(NamedTuple):
+    """A continuation and those of its parts whose formulas stand here again."""
+
+    solver: Continuation
+    rule: Adaptive
+    inverse: MoorePenrose
+
+
+def _method(solver: Solver, problems: Sequence[PlanningProblem]) -> _Method | None:
+    """None for other methods, subclasses among them, and where more is asked than to drive E to zero."""
+    if type(solver) is not Continuation or not problems:
+        return None
+    problem, rule, inverse = problems[0], solver.step_rule, solver.inverse
+    by_steps = type(solver.integrator) is RungeKutta4 and solver.sensitivity is DifferentiatedEndPointMap
     bare = solver.objective == "none" and not (problem.bounds or problem.via) and problem.initial is not None
-    if isinstance(rule, Adaptive) and isinstance(inverse, MoorePenrose) and by_steps and bare:
-        return rule, inverse
+    if type(rule) is Adaptive and type(inverse) is MoorePenrose and by_steps and bare:
+        return _Method(solver, rule, inverse)
     return None
 
 
-def _on_our_side(problems: Sequence[PlanningProblem]) -> list[int]:
-    """Places of the goals that fix the same blocks as the first, and do not lie across a singular surface."""
-    first = problems[0]
-    places = [i for i, p in enumerate(problems) if AlikeTasks.alike(first.tasks[0], p.tasks[0])]
-    if not places:
-        return []
-    ends = np.stack([first.start_point, *(problems[place].goal_point for place in places)])
-    determinants, apart = numeric_system(first.system).determinants(ends), np.zeros(len(places), dtype=bool)
+def _alike(problems: Sequence[PlanningProblem]) -> list[list[int]]:
+    """Places of the goals that fix the same blocks, those beyond a singular surface left out."""
+    first, groups = problems[0], dict[frozenset[str], list[int]]()
+    ends = np.stack([first.start_point, *(problem.goal_point for problem in problems)])
+    determinants, apart = numeric_system(first.system).determinants(ends), np.zeros(len(problems), dtype=bool)
     for name in first.system.separating():
         apart |= ~(determinants[name][1:] * determinants[name][0] > 0)
-    return [place for place, other in zip(places, apart, strict=True) if not other]
+    for place, problem in enumerate(problems):
+        if not (apart[place] or problem.tasks[0].outputs):
+            groups.setdefault(frozenset(problem.goal), []).append(place)
+    return list(groups.values())
 
 
 class _Here(NamedTuple):
@@ -124,50 +139,45 @@ class _Lockstep:
     """One search, of problems that differ in their goals only."""
 
     def __init__(
-        self,
-        solver: Continuation,
-        rule: Adaptive,
-        inverse: MoorePenrose,
-        problems: Sequence[PlanningProblem],
+        self, method: _Method, problems: Sequence[PlanningProblem], interruption: Interruption
     ) -> None:
         problem = problems[0]
-        self.solver, self.rule, self.inverse = solver, rule, inverse
-        self.problem, self.count = problem, len(problems)
+        self.solver, self.rule, self.inverse = method
+        self.problem, self.count, self.interruption = problem, len(problems), interruption
         horizon, inputs = problem.horizon.fixed, problem.system.input_space.size
-        self.flow = flow_through(problem.system, problem.basis, horizon, solver.integrator, ())
-        self.coordinates = Coordinates(solver.metric.factor(problem.basis, inputs, horizon))
+        self.flow = flow_through(problem.system, problem.basis, horizon, self.solver.integrator, ())
+        self.coordinates = Coordinates(self.solver.metric.factor(problem.basis, inputs, horizon))
         self.tasks = AlikeTasks([problem.tasks[0] for problem in problems])
         self.numeric = numeric_system(problem.system)
 
     def found(self, limit: int) -> dict[int, Reached]:
         """What was reached with no more than 1 + ``limit`` evaluations, by the goals' places. Errors: Ctrl-C's."""
         reached: dict[int, Reached] = {}
-        with Interruption() as interruption, np.errstate(all="ignore"):
-            here = self._begun()
-            first, updates = here.error.copy(), np.zeros(self.count, dtype=int)
-            size = self.coordinates.length(here.coefficients[0])
-            radius = np.full(self.count, self.rule.first_radius * (1.0 + size))
-            smallest = SMALLEST * radius[0]
-            for evaluations in range(1, limit + 2):
-                interruption.check()
-                arrived = here.error < self.solver.tolerance
-                for at in np.flatnonzero(arrived & here.useful):
-                    place = int(here.place[at])
-                    coefficients = here.coefficients[at].reshape(*np.shape(self.problem.initial))
-                    reached[place] = Reached(
-                        coefficients, float(here.error[at]), int(updates[place]), evaluations
-                    )
-                lost = here.error > DIVERGED_ABOVE * (1.0 + first[here.place])
-                here = here.of(here.useful & ~arrived & ~lost & (radius[here.place] > smallest))
-                steps = self._steps(here, radius[here.place])
-                here, steps = here.of(steps.fit), _Steps(*(part[steps.fit] for part in steps))
-                if not len(here.place):
-                    break
-                trial = self._evaluated(here.place, here.coefficients + steps.step)
-                kept = np.where(trial.useful, (here.merit - trial.merit) / steps.promised, -np.inf)
-                radius[here.place] = next_radius(radius[here.place], steps.size, kept)
-                updates[here.place] += kept > KEPT
-                here = here.moved(kept > KEPT, trial)
+        here = self._begun()
+        first, updates = here.error.copy(), np.zeros(self.count, dtype=int)
+        size = self.coordinates.length(here.coefficients[0])
+        radius = np.full(self.count, self.rule.first_radius * (1.0 + size))
+        smallest = SMALLEST * radius[0]
+        for evaluations in range(1, limit + 2):
+            arrived = here.error < self.solver.tolerance
+            for at in np.flatnonzero(arrived & here.useful):
+                place = int(here.place[at])
+                coefficients = here.coefficients[at].reshape(*np.shape(self.problem.initial))
+                reached[place] = Reached(
+                    coefficients, float(here.error[at]), int(updates[place]), evaluations
+                )
+            lost = here.error > DIVERGED_ABOVE * (1.0 + first[here.place])
+            here = here.of(here.useful & ~arrived & ~lost & (radius[here.place] > smallest))
+            steps = self._steps(here, radius[here.place])
+            here, steps = here.of(steps.fit), _Steps(*(part[steps.fit] for part in steps))
+            if not len(here.place) or evaluations > limit:
+                break
+            self.interruption.check()
+            trial = self._evaluated(here.place, here.coefficients + steps.step)
+            kept = np.where(trial.useful, (here.merit - trial.merit) / steps.promised, -np.inf)
+            radius[here.place] = next_radius(radius[here.place], steps.size, kept)
+            updates[here.place] += kept > KEPT
+            here = here.moved(kept > KEPT, trial)
         return reached
 
     def confirmed(self, reached: dict[int, Reached]) -> dict[int, Reached]:
@@ -220,7 +230,9 @@ class _Lockstep:
         inner = within_radius(values, _times(left.swapaxes(1, 2), here.vector), radius)
         step = self.coordinates.coefficients(-_times(right.swapaxes(1, 2), inner).T).T
         promised = here.merit - _length(here.vector - _times(left, values * inner))
-        full = (values > self.inverse.rank_tolerance * values[:, :1]).sum(axis=1) == here.vector.shape[1]
+        full = (values > max(self.inverse.rank_tolerance, NEGLIGIBLE) * values[:, :1]).sum(
+            axis=1
+        ) == here.vector.shape[1]
         size = _length((self.coordinates.factor.T @ step.T).T)
         return _Steps(step, size, promised, full & (promised > PROMISED * here.merit))
 
