@@ -13,9 +13,7 @@ import numpy as np
 
 from nhpocp.arrays import Array
 
-PAID = (
-    6000  # samples evaluated one by one, which take as long as making a function that does them side by side
-)
+PAID = 6000  # samples: one by one they take as long as making a function that does them side by side
 
 
 def call(function: ca.Function, *arguments: Array) -> tuple[Array, ...]:

@@ -88,9 +88,9 @@ class Bundle(NamedTuple):
 
     def trial(self, number: int, steps: int) -> Bundle:
         """So many shorter ones, no two alike, differentiated."""
-        coefficients = self.coefficients.take(np.arange(number), axis=0, mode="wrap")
-        factors = 1.0 + np.arange(number)[:, None, None] / 64.0
-        return Bundle(self.start, self.grid.first(steps), factors * coefficients, True)
+        apart = np.arange(number)[:, None, None] / 64.0  # added too, for none may be all that is given
+        coefficients = (1.0 + apart) * self.coefficients.take(np.arange(number), axis=0, mode="wrap") + apart
+        return Bundle(self.start, self.grid.first(steps), coefficients, True)
 
 
 class Ends(NamedTuple):

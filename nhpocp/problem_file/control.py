@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from typing import Annotated, Any, Literal
 
 from pydantic import (
@@ -46,9 +47,9 @@ class ControlBlock(Strict):
     )
 
     @property
+    @abstractmethod
     def columns(self) -> list[str]:
         """A name per basis function, as many as a row of `initial` has numbers."""
-        raise NotImplementedError
 
     def parameters(self) -> dict[str, Any]:
         """The basis's own settings."""

@@ -58,11 +58,8 @@ def reached_together(solver: Solver, problems: Sequence[PlanningProblem]) -> lis
                 search = _Lockstep(method, [problems[place] for place in places], interruption)
                 found = search.found(limit)
                 found = search.confirmed(found) if tried else found
-            except (
-                np.linalg.LinAlgError,
-                RuntimeError,
-            ):  # LAPACK's and CasADi's: whose goal it is, the solver says
-                found = {}
+            except (np.linalg.LinAlgError, RuntimeError):  # LAPACK's, CasADi's
+                found = {}  # the solver says whose goal it was
             interruption.check()
             for place, plan in found.items():
                 reached[places[place]] = plan
@@ -230,9 +227,8 @@ class _Lockstep:
         inner = within_radius(values, _times(left.swapaxes(1, 2), here.vector), radius)
         step = self.coordinates.coefficients(-_times(right.swapaxes(1, 2), inner).T).T
         promised = here.merit - _length(here.vector - _times(left, values * inner))
-        full = (values > max(self.inverse.rank_tolerance, NEGLIGIBLE) * values[:, :1]).sum(
-            axis=1
-        ) == here.vector.shape[1]
+        least = max(self.inverse.rank_tolerance, NEGLIGIBLE) * values[:, :1]
+        full = (values > least).sum(axis=1) == here.vector.shape[1]
         size = _length((self.coordinates.factor.T @ step.T).T)
         return _Steps(step, size, promised, full & (promised > PROMISED * here.merit))
 
