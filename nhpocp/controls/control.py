@@ -22,10 +22,6 @@ class Control:
 
     def __post_init__(self) -> None:
         coefficients = np.array(self.coefficients, dtype=float)
-        if not len(
-            coefficients
-        ):  # of a system without inputs; a list of no rows does not say how long they are
-            coefficients = coefficients.reshape(0, self.basis.size)
         if coefficients.ndim != 2 or coefficients.shape[1] != self.basis.size:
             raise InvalidProblemError(
                 f"control coefficients have shape {coefficients.shape}; expected one row per input and "
