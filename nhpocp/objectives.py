@@ -1,4 +1,4 @@
-"""What a plan can cost: integrals over the motion, said once for every solver."""
+"""What a plan can cost: integrals over the motion, said once for every solver, and what is smooth in their place."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ from nhpocp.errors import InvalidProblemError
 from nhpocp.systems.system import System
 
 Integrand = Callable[..., Any]  # (system, x, u, length_scale) ↦ the expression to integrate over time
+# speeds below which a search takes path_length for its square, as shares of the problem's length over its duration
+SOFTENINGS = (1.0, 0.1, 0.03)
 
 
 def effort(system: System, state: Array, control: Array, length_scale: float) -> Array:
@@ -25,9 +27,36 @@ def leg_effort(system: System, state: Array, control: Array, length_scale: float
 
 def path_length(system: System, state: Array, control: Array, length_scale: float) -> Array:
     """√(|ṗ|² + (length_scale |ω|)²), the speed of the pose [length/time]; angles count by length_scale."""
+    return norm(_pose_speeds(system, state, control, length_scale))
+
+
+def _pose_speeds(system: System, state: Array, control: Array, length_scale: float) -> Array:
     xp, space = namespace(state, control), system.state_space
     weights = [length_scale if b.unit == "angle" else 1.0 for b in space.blocks for _ in range(b.dimension)]
-    return norm(xp.array(weights) * system.velocity(state, control))
+    return xp.array(weights) * system.velocity(state, control)
+
+
+def softened_path_length(
+    system: System, state: Array, control: Array, length_scale: float, rest: Any
+) -> Array:
+    """√(speed² + rest²) - rest, written so that nothing cancels: what stands for `path_length` in a search.
+
+    The length has no derivative at rest, and no second one along the many paces of one path: with them a minimiser gets
+    stuck, or wanders. This has both, is 0 at rest, and is least for the same path at an even pace wherever the pace is
+    free; elsewhere it is less than the length by at most ``rest`` times the duration.
+    """
+    velocity = _pose_speeds(system, state, control, length_scale)
+    squared = dot(velocity, velocity)
+    return squared / (namespace(state, control).sqrt(squared + rest * rest) + rest)
+
+
+def searched(
+    name: str, system: System, state: Array, control: Array, length_scale: float, rest: Any
+) -> Array:
+    """The integrand that a solver differentiates for an objective: smooth everywhere."""
+    if name == "path_length":
+        return softened_path_length(system, state, control, length_scale, rest)
+    return INTEGRANDS[name](system, state, control, length_scale)
 
 
 INTEGRANDS: dict[str, Integrand] = {"effort": effort, "leg_effort": leg_effort, "path_length": path_length}

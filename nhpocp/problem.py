@@ -23,6 +23,7 @@ from nhpocp.systems.system import System
 from nhpocp.task import Task
 
 ASSEMBLED = 1e-6  # share of the machine's length by which a start may miss what its joints hold
+INSTANT = 1e-12  # share of a duration, in the place of 0
 SAME_TIME = 1e-6  # shares of the horizon that are nearer have no room for a motion between them
 
 
@@ -52,6 +53,16 @@ class Horizon:
     @property
     def free(self) -> bool:
         return self.minimum is not None or self.maximum is not None
+
+    @property
+    def range(self) -> tuple[float, float]:
+        """The shortest and the longest duration; without a minimum, an instant beside the first of those known."""
+        known = next(value for value in (self.initial, self.maximum, self.minimum) if value is not None)
+        return self.minimum or INSTANT * known, self.maximum or np.inf
+
+    def kept(self, duration: float) -> float:
+        """The nearest duration that is allowed: an optimizer meets bounds up to its tolerance."""
+        return float(np.clip(duration, *self.range))
 
     @property
     def fixed(self) -> float:

@@ -11,7 +11,7 @@ from nhpocp.arrays import Array
 from nhpocp.controls.basis import ControlBasis
 from nhpocp.flow.dynamics import Dynamics
 from nhpocp.flow.integrators import Integrator
-from nhpocp.objectives import INTEGRANDS
+from nhpocp.objectives import SOFTENINGS, searched
 from nhpocp.problem import PlanningProblem
 from nhpocp.systems.numeric import numeric_system
 from nhpocp.systems.system import System
@@ -31,12 +31,13 @@ class EffortMap:
 
 
 class QuadratureMap:
-    """One of `INTEGRANDS`, integrated beside the state by the same integrator and differentiated with it."""
+    """One of `INTEGRANDS`, or what is smooth in its place, integrated and differentiated beside the state."""
 
     def __init__(
         self, name: str, problem: PlanningProblem, basis: ControlBasis, horizon: float, integrator: Integrator
     ) -> None:
-        dynamics = _with_quadrature(problem.system, name, problem.scale)
+        rest = SOFTENINGS[-1] * problem.scales.objective("path_length") / horizon
+        dynamics = _with_quadrature(problem.system, name, problem.scale, rest)
         self._flow = integrator.flow(dynamics, basis, horizon)
         self._start = np.append(problem.start_point, 0.0)
 
@@ -47,12 +48,12 @@ class QuadratureMap:
 
 
 @lru_cache(maxsize=32)
-def _with_quadrature(system: System, name: str, scale: float) -> Dynamics:
+def _with_quadrature(system: System, name: str, scale: float, rest: float) -> Dynamics:
     """Of (x, ∫ integrand dt), the last observed; linearised by the system's own way, which is the cheaper one."""
     numeric, n, m = numeric_system(system), system.state_space.size, system.input_space.size
     y, u = ca.SX.sym("y", n + 1), ca.SX.sym("u", m)
     x = y[:n]
-    integrand = ca.SX(INTEGRANDS[name](system, x, u, scale))
+    integrand = ca.SX(searched(name, system, x, u, scale, rest))
     rate = ca.densify(ca.vertcat(numeric.rate_function(x, u), integrand))
     both = ca.vertcat(numeric.linearised_function(x, u), ca.gradient(integrand, ca.vertcat(x, u)).T)
     linearised = ca.horzcat(both[:, :n], ca.SX(n + 1, 1), both[:, n:])  # nothing depends on the integral

@@ -11,6 +11,7 @@ import numpy as np
 from nhpocp.arrays import Array
 from nhpocp.flow.cost_map import cost_map
 from nhpocp.flow.integrators import Integrator
+from nhpocp.flow.simulation import simulate
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Outcome
 from nhpocp.solvers.evaluation import Evaluation
@@ -208,9 +209,11 @@ class Improvement:
         details: dict[str, Any] = {"null_space": self.history} if self.history else {}
         parts = []
         if not self._aimless:
-            details["objective_value"] = best.cost
+            control = self.problem.control(coefficients, self.horizon)
+            cost = simulate(self.problem, control).costs[self.objective]  # not what is smooth in its place
+            details["objective_value"] = cost
             words = "at" if found and found.converged and not end else "not at"
-            parts.append(f"{self.objective} {best.cost:.6g} {words} a stationary point")
+            parts.append(f"{self.objective} {cost:.6g} {words} a stationary point")
         if found:
             details["optimality"] = {"stationarity": found.optimality, "feasibility": found.infeasibility}
         outcome = Outcome.CONVERGED

@@ -15,18 +15,21 @@ from nhpocp.calls import call, mapped
 from nhpocp.constraints import Bound, bound_rows
 from nhpocp.controls.basis import ControlBasis
 from nhpocp.flow.shot import Shot, part
-from nhpocp.objectives import INTEGRANDS
+from nhpocp.objectives import searched
 from nhpocp.problem import PlanningProblem
 from nhpocp.solvers.meeting import Meeting, basis_table, stage_times
 from nhpocp.systems.numeric import numeric_system
 from nhpocp.task import Task
 
+STEADY = 1e-5  # of a path's length: what keeps a horizon in which that is the same near its first value
+
 
 class Interval:
     """One shooting interval, symbolically: the same for every k and every N, which enter through parameters.
 
-    ``shot``: its functions of w_k = (z_k, c, u_k). The constants of its parameters are the reference poses at its ends
-    and the lengths of an interval and of a step, shares of the horizon where that is free, else times.
+    ``shot``: its functions of w_k = (z_k, c, u_k). The constants of its parameters are the reference poses at its ends,
+    the lengths of an interval and of a step, shares of the horizon where that is free, else times, and the length that
+    softens `path_length`.
     """
 
     def __init__(
@@ -50,19 +53,18 @@ class Interval:
         )  # the state, then the cost so far
         s = ca.SX.sym("s", self.statics + self.controls)
         here, there = ca.SX.sym("here", space.size), ca.SX.sym("there", space.size)
-        interval, step = ca.SX.sym("interval"), ca.SX.sym("step")
+        interval, step, soft = ca.SX.sym("interval"), ca.SX.sym("step"), ca.SX.sym("soft")
         phi = ca.SX.sym("phi", self.basis.size if self.basis else 0)
-        constants = ca.vertcat(here, there, interval, step)
+        constants = ca.vertcat(here, there, interval, step, soft)
         state, control = y[:-1], self._control(s, phi)
         horizon = s[self.statics - 1] if self.free_horizon else 1.0
         rate = numeric_system(problem.system).rate_function(state, control)
-        slope = step * horizon * ca.vertcat(rate, self._integrand(state, control))
+        rest = soft / (horizon if self.free_horizon else problem.horizon.fixed)
+        slope = step * horizon * ca.vertcat(rate, self._integrand(state, control, rest))
         after = space.coordinates(state, there) / self.scales
         places, expressions = self._path_rows(state, control, s)
         if self.free_horizon:
-            self.rows.append(
-                ("horizon", problem.horizon.minimum or 0.0, problem.horizon.maximum or np.inf, 0.0)
-            )
+            self.rows.append(("horizon", *problem.horizon.range, 0.0))
             places = np.hstack([places, np.full((len(places), 1), -1)])
             places[-1, -1] = self.nodes + len(self.rows) - 1
             expressions.append(horizon)
@@ -78,10 +80,11 @@ class Interval:
             places,
         )
 
-    def constants(self, here: Array, there: Array, intervals: int) -> Array:
-        """c of one of so many intervals between two reference poses."""
+    def constants(self, here: Array, there: Array, intervals: int, softening: float = 0.0) -> Array:
+        """c of one of so many intervals between two reference poses; ``softening``: one of `SOFTENINGS`."""
         length = (1.0 if self.free_horizon else self.problem.horizon.fixed) / intervals
-        return np.concatenate([here, there, [length, length / self.steps]])
+        soft = softening * self.problem.scales.objective("path_length")
+        return np.concatenate([here, there, [length, length / self.steps, soft]])
 
     def points(self, z: Array, references: Array) -> Array:
         """The states (k, size) with local coordinates (k, dimension) about references (k, size)."""
@@ -110,9 +113,9 @@ class Interval:
         tables = ca.SX.sym("phi", size, len(shares))
         phi = ca.horzsplit(tables)
         length = (1.0 if self.free_horizon else self.problem.horizon.fixed) / intervals
-        y = self.shot.opened(z, s, ca.vertcat(here, here, 0, 0), phi[0])
+        y = self.shot.opened(z, s, ca.vertcat(here, here, 0, 0, 0), phi[0])
         for j in range(0, len(shares) - 1, 2):
-            constants = ca.vertcat(here, here, length, (shares[j + 2] - shares[j]) * length)
+            constants = ca.vertcat(here, here, length, (shares[j + 2] - shares[j]) * length, 1)
             y = self.shot.step(y, s, constants, phi[j : j + 3])
         parameters = [reference]
         if self.basis:
@@ -144,16 +147,19 @@ class Interval:
         inputs = self.problem.system.input_space.size
         return ca.reshape(s[: inputs * self.basis.size, :], self.basis.size, inputs).T @ phi
 
-    def _integrand(self, state: ca.SX, control: ca.SX) -> Any:
+    def _integrand(self, state: ca.SX, control: ca.SX, rest: ca.SX) -> Any:
         name = self.problem.objective
         if name in ("effort", "time"):  # exact without quadrature
             return 0.0
-        return INTEGRANDS[name](self.problem.system, state, control, self.problem.scale)
+        return searched(name, self.problem.system, state, control, self.problem.scale, rest)
 
     def _cost(self, s: ca.SX, length: Any, quadrature: ca.SX) -> Any:
         """q of an interval of that length in time."""
         if self.problem.objective == "time":
             return length
+        if self.problem.objective == "path_length" and self.free_horizon:
+            ratio = s[self.statics - 1] / self.problem.scales.time
+            return quadrature * (1.0 + STEADY * (ratio + 1.0 / ratio - 2.0))
         if self.problem.objective != "effort":
             return quadrature
         if self.basis is None:

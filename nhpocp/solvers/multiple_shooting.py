@@ -17,6 +17,7 @@ from nhpocp.deferred import Deferred
 from nhpocp.errors import InvalidProblemError
 from nhpocp.flow.kernels import CompiledWhenReady, Interpreted, Kernels
 from nhpocp.flow.simulation import Motion, simulate
+from nhpocp.objectives import SOFTENINGS
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Outcome, Progress, Solution, telling
 from nhpocp.solvers.certificate import optimality
@@ -150,6 +151,7 @@ class _Run:
         self.evaluations = 0
         self.build_seconds = 0.0
         self.details: dict[str, Any] = {}
+        self.softening, *self.harder = SOFTENINGS if problem.objective == "path_length" else SOFTENINGS[-1:]
 
     def solve(self) -> Solution:
         began = perf_counter()
@@ -158,7 +160,7 @@ class _Run:
         except NoGuessError as error:
             return self._without_optimum(error, perf_counter() - began)
         steps = self.solver.steps_per_interval or self._enough_steps(guess.control)
-        programme, optimum = self._refine(*self._optimise(guess, steps, None))
+        programme, optimum = self._refine(*self._harden(*self._optimise(guess, steps, None)))
         plan = programme.unpack(optimum.x)
         motion = simulate(self.problem, plan.control)
         programme, optimum, plan, motion = self._tighten(programme, optimum, plan, motion)
@@ -173,7 +175,14 @@ class _Run:
     def _optimise(self, guess: Guess, steps: int, multipliers: Array | None) -> tuple[Transcription, Optimum]:
         began = perf_counter()
         programme = self.solver.transcription(
-            self.problem, guess, self.basis, self.solver.intervals, steps, self.bounds, self._kernels
+            self.problem,
+            guess,
+            self.basis,
+            self.solver.intervals,
+            steps,
+            self.bounds,
+            self._kernels,
+            self.softening,
         )
         start = programme.pack(guess)
         _, constraints = programme.functions["nlp"](start, [])
@@ -238,6 +247,20 @@ class _Run:
         apart = [space.difference(*pair) for pair in zip(coarse, fine, strict=True)]
         return float(np.linalg.norm(np.array(space.weights(self.problem.error_length)) * np.array(apart)))
 
+    def _harden(self, programme: Transcription, optimum: Optimum) -> tuple[Transcription, Optimum]:
+        """From one softened objective to the next, as long as each is solved; the last solved one counts."""
+        for softening in self.harder:
+            if optimum.outcome is not Outcome.CONVERGED:
+                break
+            before, self.softening = self.softening, softening
+            plan = programme.unpack(optimum.x)
+            harder = self._optimise(plan, programme.steps, optimum.multipliers)
+            if harder[1].outcome not in (Outcome.CONVERGED, Outcome.INTERRUPTED):
+                self.softening = before
+                break
+            programme, optimum = harder
+        return programme, optimum
+
     def _refine(self, programme: Transcription, optimum: Optimum) -> tuple[Transcription, Optimum]:
         """Doubles the steps of `steps_per_interval: auto` until the re-simulated end agrees with the NLP's."""
         while self.solver.steps_per_interval is None and optimum.outcome is Outcome.CONVERGED:
@@ -290,7 +313,7 @@ class _Run:
         costates = programme.costates(optimum.x, optimum.multipliers)
         self.details |= {
             "status": optimum.status,
-            "objective_value": optimum.objective,
+            "objective_value": self._objective(optimum, motion),
             "steps_per_interval": programme.steps,
             "optimality": optimality(programme, optimum.x, optimum.multipliers),
             "costates": costates.tolist() if costates is not None else None,
@@ -301,7 +324,7 @@ class _Run:
             settings=self.solver.settings(),
             tolerance=self.solver.tolerance,
             outcome=outcome,
-            message=self._sentence(outcome, programme, optimum),
+            message=self._sentence(outcome, programme, optimum, self._objective(optimum, motion)),
             final_error=total_error(self.problem.tasks, met),
             control=plan.control,
             trajectory=motion.trajectory,
@@ -315,11 +338,14 @@ class _Run:
             details=self.details,
         )
 
-    def _sentence(self, outcome: Outcome, programme: Transcription, optimum: Optimum) -> str:
+    def _objective(self, optimum: Optimum, motion: Motion) -> float:
+        """The cost; of a softened one, what it stands for."""
+        softened = self.problem.objective == "path_length"
+        return motion.costs["path_length"] if softened else optimum.objective
+
+    def _sentence(self, outcome: Outcome, programme: Transcription, optimum: Optimum, cost: float) -> str:
         if outcome is Outcome.CONVERGED:
-            return (
-                f"{self.problem.objective} {optimum.objective:.6g} after {self.records[-1]['k']} iterations."
-            )
+            return f"{self.problem.objective} {cost:.6g} after {self.records[-1]['k']} iterations."
         words = f"{self.solver.optimizer.kind} ended with {optimum.status} after {self.records[-1]['k']} iterations"
         if outcome is Outcome.INFEASIBLE:
             words += f". Most violated: {'; '.join(self._violated(programme, optimum)[:3])}"

@@ -27,6 +27,7 @@ from nhpocp.controls.control import Control
 from nhpocp.controls.piecewise_constant import PiecewiseConstant
 from nhpocp.flow.kernels import Kernels
 from nhpocp.flow.shot import Shots
+from nhpocp.objectives import SOFTENINGS
 from nhpocp.problem import PlanningProblem
 from nhpocp.solvers.interval import interval_of
 from nhpocp.solvers.meeting import Meeting, basis_table, place
@@ -63,9 +64,10 @@ class Transcription:
         steps: int,
         bounds: Sequence[Bound],
         kernels: Kernels,
+        softening: float = SOFTENINGS[-1],
     ) -> None:
         self.problem, self.basis, self.intervals, self.steps = problem, basis, intervals, steps
-        self.guess, self.kernels = guess, kernels
+        self.guess, self.kernels, self.softening = guess, kernels, softening
         self.interval = interval_of(problem, basis, steps, bounds)
         self.references = self._references(guess)
         self._shape()
@@ -132,7 +134,9 @@ class Transcription:
     def parameters(self) -> Array:
         """p_k as columns."""
         pairs = pairwise(self.references)
-        columns = [np.array([self.interval.constants(*pair, self.intervals) for pair in pairs]).T]
+        columns = [
+            np.array([self.interval.constants(*pair, self.intervals, self.softening) for pair in pairs]).T
+        ]
         if self.basis:
             edges = np.linspace(0.0, 1.0, self.intervals + 1)
             shares = np.linspace(0.0, 1.0, 2 * self.steps + 1)
@@ -345,20 +349,24 @@ class Transcription:
         return np.concatenate(parts)
 
     def unpack(self, x: Array) -> Guess:
-        """The node states and the control of a vector x."""
+        """The node states and the control of a vector x, its horizon within its bounds exactly."""
         d, (stages, locals_) = self.interval.dimension, self._stages(x)
         states = self.interval.points(locals_, self.references)
-        horizon = (
-            float(stages[0, self.interval.nodes - 1])
-            if self.interval.free_horizon
-            else self.problem.horizon.fixed
-        )
+        horizon, pace = self._horizon(stages)
         if self.basis:
             inputs = self.problem.system.input_space.size
             coefficients = stages[0, d : d + inputs * self.basis.size].reshape(inputs, self.basis.size)
-            return Guess(states, Control(self.basis, coefficients, horizon))
-        values = stages[:, self.interval.nodes :].T
+            return Guess(states, Control(self.basis, pace * coefficients, horizon))
+        values = pace * stages[:, self.interval.nodes :].T
         return Guess(states, Control(PiecewiseConstant(self.intervals), values, horizon))
+
+    def _horizon(self, stages: Array) -> tuple[float, float]:
+        """T, and by how much faster the controls must be for the same path where T was not within its bounds."""
+        if not self.interval.free_horizon:
+            return self.problem.horizon.fixed, 1.0
+        found = float(stages[0, self.interval.nodes - 1])
+        horizon = self.problem.horizon.kept(found)
+        return horizon, found / horizon if self.problem.system.driftless else 1.0
 
     def _stages(self, x: Array) -> tuple[Array, Array]:
         """Variables w_k (N, stage) and local coordinates of the nodes (N + 1, dimension) of a vector x."""
