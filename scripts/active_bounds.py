@@ -49,7 +49,7 @@ UNEQUAL = (
 ROBOTS: dict[str, Callable[[], ThreeUPU]] = {
     "default": ThreeUPU,
     "unequal": lambda: ThreeUPU(legs=UNEQUAL),
-    "suslov": lambda: ThreeUPU(joint="suslov"),
+    "suslov": lambda: ThreeUPU(joint="suslov", platform_axis="normal"),
 }
 
 
@@ -198,8 +198,10 @@ def plain(problem: PlanningProblem, intervals: int) -> Plan:
             high.append(np.tile(limits[1][kept], intervals))
     nlp = {"x": w, "f": ca.sumsqr(inputs) * h, "g": ca.vertcat(*g)}
     quiet = {"print_time": False, "show_eval_warnings": False, "error_on_fail": False}
-    solver = ca.nlpsol("plain", "ipopt", nlp, {**quiet, "ipopt": {"print_level": 0, "sb": "yes", "max_iter": 1000}})
-    guess = problem.control(problem.initial)(((np.arange(intervals) + 0.5)) * h)
+    solver = ca.nlpsol(
+        "plain", "ipopt", nlp, {**quiet, "ipopt": {"print_level": 0, "sb": "yes", "max_iter": 1000}}
+    )
+    guess = problem.control(problem.initial)((np.arange(intervals) + 0.5) * h)
     ends = [
         np.asarray(space.coordinates(point, middle)) / units
         for point in (problem.start_point, problem.goal_point)
@@ -291,7 +293,9 @@ def main(arguments: argparse.Namespace) -> None:
             flush=True,
         )
     ratio = median(mine for _, mine in times) / median(theirs for theirs, _ in times)
-    print(f"{total} cases: plain holds in {kept[0]}, ours in {kept[1]}; median time {ratio:.2f} of the plain one's")
+    print(
+        f"{total} cases: plain holds in {kept[0]}, ours in {kept[1]}; median time {ratio:.2f} of the plain one's"
+    )
     print(f"lost: {', '.join(lost) or 'none'}; dearer: {', '.join(dearer) or 'none'}")
 
 

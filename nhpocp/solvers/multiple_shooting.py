@@ -185,7 +185,8 @@ class _Run:
 
             def watch(k: int, objective: float, look: Look) -> bool:
                 if self.progress:
-                    known = {"k": before + k, "objective": objective, **self._prospect(programme, k)}
+                    cost = objective * programme.cost_unit
+                    known = {"k": before + k, "objective": cost, **self._prospect(programme, k)}
                     self.progress(Deferred(look, known))
                 return interruption.noted
 
@@ -199,7 +200,11 @@ class _Run:
                 optimum = failed(programme, start, error)
             if interruption.noted:  # fatrop cannot be stopped, but what comes after it can
                 optimum = replace(optimum, outcome=Outcome.INTERRUPTED)
-        self.records += [{**record, "k": before + record["k"]} for record in optimum.iterations]
+        unit = programme.cost_unit
+        self.records += [
+            {**record, "k": before + record["k"], "objective": record["objective"] * unit}
+            for record in optimum.iterations
+        ]
         self.logs.append(optimum.log)
         self.evaluations += optimum.evaluations
         if optimum.cut_back:
@@ -290,7 +295,7 @@ class _Run:
         costates = programme.costates(optimum.x, optimum.multipliers)
         self.details |= {
             "status": optimum.status,
-            "objective_value": optimum.objective,
+            "objective_value": optimum.objective * programme.cost_unit,
             "steps_per_interval": programme.steps,
             "optimality": optimality(programme, optimum.x, optimum.multipliers),
             "costates": costates.tolist() if costates is not None else None,
@@ -318,7 +323,8 @@ class _Run:
     def _sentence(self, outcome: Outcome, programme: Transcription, optimum: Optimum) -> str:
         if outcome is Outcome.CONVERGED:
             return (
-                f"{self.problem.objective} {optimum.objective:.6g} after {self.records[-1]['k']} iterations."
+                f"{self.problem.objective} {optimum.objective * programme.cost_unit:.6g} after "
+                f"{self.records[-1]['k']} iterations."
             )
         words = f"{self.solver.optimizer.kind} ended with {optimum.status} after {self.records[-1]['k']} iterations"
         if outcome is Outcome.INFEASIBLE:
@@ -335,7 +341,10 @@ class _Run:
         horizon = programme.unpack(optimum.x).control.horizon
         rows = programme.rows
         order = sorted(np.flatnonzero(excess > 1e-6), key=lambda i: (not rows[i].stated, -excess[i]))
-        return [f"{rows[i].name} at t={rows[i].time * horizon:.4g} by {excess[i]:.3g}" for i in order]
+        return [
+            f"{rows[i].name} at t={rows[i].time * horizon:.4g} by {excess[i] * rows[i].unit:.3g}"
+            for i in order
+        ]
 
     def _pressed(self, programme: Transcription, optimum: Optimum) -> list[str]:
         """Stated constraints that hold and push back, the strongest of each name."""
