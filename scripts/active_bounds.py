@@ -22,7 +22,6 @@ import casadi as ca
 import numpy as np
 from goals import CLEAR, CLEAR_LENGTH, PAPER_START, paper_task
 
-from nhpocp import planning
 from nhpocp.arrays import Array
 from nhpocp.constraints import Bound, bound_rows
 from nhpocp.controls.control import Control

@@ -23,7 +23,6 @@ from nhpocp.state_space import StateSpace
 from nhpocp.systems.numeric import numeric_system
 from nhpocp.task import Task
 
-
 UNITS = ("length", "number", "time", "cost")  # what counts as 1; one for every bound follows
 
 
@@ -42,7 +41,7 @@ class StatedRow:
 class Interval:
     """One shooting interval, symbolically: the same for every k, N and unit, which enter through parameters.
 
-    ``shot``: its functions of w_k = (z_k, c, u_k), all of them numbers without unit. The constants of its parameters are
+    ``shot``: its functions of w_k = (z_k, c, u_k), numbers without unit. The constants of its parameters are
     the reference poses at its ends, the lengths of an interval and of a step, shares of the horizon where that is free,
     else times, and what counts as 1 (`units_of`).
     """

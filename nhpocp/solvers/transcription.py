@@ -175,7 +175,7 @@ class Transcription:
         rows = []
         for row in self.interval.rows:
             last = k == self.intervals - 1 and row.share == 1.0
-            given = last and (whole and row.of_pose or row.name.partition("[")[0] in self._fixed)
+            given = last and ((whole and row.of_pose) or row.name.partition("[")[0] in self._fixed)
             unit = float(self.units[row.unit])
             bounds = (-np.inf, np.inf) if given else (row.lower / unit, row.upper / unit)
             rows.append(Row(row.name, *bounds, (k + row.share) / self.intervals, stated=True, unit=unit))
