@@ -43,6 +43,8 @@ def seeded_coefficients(problem: PlanningProblem, end_point_map: EndPointMap, se
     Good: the path is finite and on one side of every singular surface, and the Jacobian's rows have full rank with room
     to spare. Errors: `NoStartError` if none of `DRAWS` controls is good.
     """
+    if not problem.system.input_space.size:  # there is but one control, and the drift decides
+        return np.zeros((0, problem.basis.size))
     random, numeric = np.random.default_rng(seed), numeric_system(problem.system)
     for draw in range(DRAWS):
         # later draws are smaller: a short motion stays clear of the singular surfaces around the start

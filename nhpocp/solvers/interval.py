@@ -85,7 +85,7 @@ class Interval:
             expressions.append(horizon / time)
         # continuity as s_{k+1} - F_k = 0, the sign that fatrop asks for
         cost = self._cost(s, interval * horizon, y[-1], units) / units[UNITS.index("cost")]
-        closed = ca.vertcat(cost, -after, -s[: self.statics])
+        closed = ca.vertcat(cost, -after, -s[: self.statics, :])
         first, others = (z, s, constants, phi), (y, s, constants, phi)
         opened = ca.vertcat(space.chart(scales * z, here), 0)
         return Shot(
@@ -125,7 +125,7 @@ class Interval:
         """
         space, size = self.problem.system.state_space, self.basis.size if self.basis else 0
         w, here = ca.SX.sym("w", self.nodes + self.controls), ca.SX.sym("here", space.size)
-        z, s = w[: self.dimension], w[self.dimension :]
+        z, s = w[: self.dimension, :], w[self.dimension :, :]
         shares = stage_times(offset, self.steps)
         tables = ca.SX.sym("phi", size, len(shares))
         phi = ca.horzsplit(tables)
@@ -152,7 +152,7 @@ class Interval:
         """The equations of a task's outputs at the last node."""
         space = self.problem.system.state_space
         s, here = ca.SX.sym("s", self.nodes), ca.SX.sym("here", space.size)
-        state = space.chart(self._scales(space, units) * s[: self.dimension], here)
+        state = space.chart(self._scales(space, units) * s[: self.dimension, :], here)
         names = [f"goal of {label}" for label in task.output_labels]
         rows = ca.SX(ca.vertcat(*task.output_equations(state)))
         return Meeting(intervals, task.share, names, s, here, rows, reference)
@@ -168,9 +168,10 @@ class Interval:
     def _control(self, s: ca.SX, phi: ca.SX, units: ca.SX) -> ca.SX:
         """u of the variables s, with φ of its time."""
         if self.basis is None:
-            return self._input_scales(units) * s[self.statics :]
+            # with one index, nothing of one number is a row to CasADi
+            return self._input_scales(units) * s[self.statics :, :]
         inputs = self.problem.system.input_space.size
-        coefficients = ca.reshape(s[: inputs * self.basis.size], self.basis.size, inputs).T
+        coefficients = ca.reshape(s[: inputs * self.basis.size, :], self.basis.size, inputs).T
         return self._input_scales(units) * (coefficients @ phi)
 
     def _integrand(self, state: ca.SX, control: ca.SX) -> Any:
@@ -186,9 +187,9 @@ class Interval:
         if self.problem.objective != "effort":
             return quadrature
         if self.basis is None:
-            return length * ca.sumsqr(self._input_scales(units) * s[self.statics :])
+            return length * ca.sumsqr(self._input_scales(units) * s[self.statics :, :])
         inputs, size = self.problem.system.input_space.size, self.basis.size
-        coefficients = s[: inputs * size] * _each(self._input_scales(units), size)
+        coefficients = s[: inputs * size, :] * _each(self._input_scales(units), size)
         gram = ca.DM(np.kron(np.eye(inputs), self.basis.gram(1.0)))  # ∫₀ᵀ = T ∫₀¹
         return length * (coefficients.T @ gram @ coefficients)
 
