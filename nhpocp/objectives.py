@@ -11,7 +11,7 @@ from nhpocp.systems.system import System
 
 Integrand = Callable[..., Any]  # (system, x, u, length_scale) ↦ the expression to integrate over time
 # speeds below which a search takes path_length for its square, as shares of the problem's length over its duration
-SOFTENINGS = (1.0, 0.1, 0.03)
+SOFTENINGS = (1.0, 0.1, 0.05)
 
 
 def effort(system: System, state: Array, control: Array, length_scale: float) -> Array:

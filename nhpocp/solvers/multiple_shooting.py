@@ -151,7 +151,8 @@ class _Run:
         self.evaluations = 0
         self.build_seconds = 0.0
         self.details: dict[str, Any] = {}
-        self.softening, *self.harder = SOFTENINGS if problem.objective == "path_length" else SOFTENINGS[-1:]
+        wanted = SOFTENINGS if problem.objective == "path_length" else SOFTENINGS[-1:]
+        self.softening, self.harder = wanted[0], wanted[1:]
 
     def solve(self) -> Solution:
         began = perf_counter()
@@ -194,7 +195,8 @@ class _Run:
 
             def watch(k: int, objective: float, look: Look) -> bool:
                 if self.progress:
-                    known = {"k": before + k, "objective": objective, **self._prospect(programme, k)}
+                    cost = objective * programme.cost_unit
+                    known = {"k": before + k, "objective": cost, **self._prospect(programme, k)}
                     self.progress(Deferred(look, known))
                 return interruption.noted
 
@@ -208,7 +210,11 @@ class _Run:
                 optimum = failed(programme, start, error)
             if interruption.noted:  # fatrop cannot be stopped, but what comes after it can
                 optimum = replace(optimum, outcome=Outcome.INTERRUPTED)
-        self.records += [{**record, "k": before + record["k"]} for record in optimum.iterations]
+        unit = programme.cost_unit
+        self.records += [
+            {**record, "k": before + record["k"], "objective": record["objective"] * unit}
+            for record in optimum.iterations
+        ]
         self.logs.append(optimum.log)
         self.evaluations += optimum.evaluations
         if optimum.cut_back:
@@ -313,7 +319,7 @@ class _Run:
         costates = programme.costates(optimum.x, optimum.multipliers)
         self.details |= {
             "status": optimum.status,
-            "objective_value": self._objective(optimum, motion),
+            "objective_value": self._objective(programme, optimum, motion),
             "steps_per_interval": programme.steps,
             "optimality": optimality(programme, optimum.x, optimum.multipliers),
             "costates": costates.tolist() if costates is not None else None,
@@ -324,7 +330,7 @@ class _Run:
             settings=self.solver.settings(),
             tolerance=self.solver.tolerance,
             outcome=outcome,
-            message=self._sentence(outcome, programme, optimum, self._objective(optimum, motion)),
+            message=self._sentence(outcome, programme, optimum, self._objective(programme, optimum, motion)),
             final_error=total_error(self.problem.tasks, met),
             control=plan.control,
             trajectory=motion.trajectory,
@@ -338,10 +344,10 @@ class _Run:
             details=self.details,
         )
 
-    def _objective(self, optimum: Optimum, motion: Motion) -> float:
+    def _objective(self, programme: Transcription, optimum: Optimum, motion: Motion) -> float:
         """The cost; of a softened one, what it stands for."""
         softened = self.problem.objective == "path_length"
-        return motion.costs["path_length"] if softened else optimum.objective
+        return motion.costs["path_length"] if softened else optimum.objective * programme.cost_unit
 
     def _sentence(self, outcome: Outcome, programme: Transcription, optimum: Optimum, cost: float) -> str:
         if outcome is Outcome.CONVERGED:
@@ -361,7 +367,10 @@ class _Run:
         horizon = programme.unpack(optimum.x).control.horizon
         rows = programme.rows
         order = sorted(np.flatnonzero(excess > 1e-6), key=lambda i: (not rows[i].stated, -excess[i]))
-        return [f"{rows[i].name} at t={rows[i].time * horizon:.4g} by {excess[i]:.3g}" for i in order]
+        return [
+            f"{rows[i].name} at t={rows[i].time * horizon:.4g} by {excess[i] * rows[i].unit:.3g}"
+            for i in order
+        ]
 
     def _pressed(self, programme: Transcription, optimum: Optimum) -> list[str]:
         """Stated constraints that hold and push back, the strongest of each name."""

@@ -129,7 +129,7 @@ class Ipopt:
             file = Path(folder) / "ipopt.log"
             options: dict[str, Any] = {
                 "tol": min(self.tolerance, 1e-8),
-                "constr_viol_tol": min(self.tolerance, 1e-9),
+                "constr_viol_tol": min(self.tolerance, 1e-7),
                 # aims at 1e-8; gets stuck above it in a valley of equal optima, as systems with symmetries have them
                 "acceptable_iter": 0,
                 "acceptable_tol": self.tolerance,

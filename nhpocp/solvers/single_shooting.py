@@ -56,12 +56,11 @@ class SingleShooting(Transcription):
         return ca.Function("nlp", [x, p], [cost, g], ["x", "p"], ["f", "g"])
 
     def pack(self, guess: Guess) -> Array:
-        parts: list[Array] = [guess.control.coefficients.ravel()] if self.basis else []
-        if self.interval.free_horizon:
-            parts.append(np.array([guess.control.horizon]))
+        parts = [np.array(self._statics(guess.control))]
         if not self.basis:
             N, T = self.intervals, guess.control.horizon
-            parts.append(guess.control((np.arange(N) + 0.5) * T / N).ravel())
+            middles = guess.control((np.arange(N) + 0.5) * T / N) / self.problem.scales.inputs
+            parts.append(middles.ravel())
         return np.concatenate(parts)
 
     def _stages(self, x: Array) -> tuple[Array, Array]:

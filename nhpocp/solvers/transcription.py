@@ -29,7 +29,7 @@ from nhpocp.flow.kernels import Kernels
 from nhpocp.flow.shot import Shots
 from nhpocp.objectives import SOFTENINGS
 from nhpocp.problem import PlanningProblem
-from nhpocp.solvers.interval import interval_of
+from nhpocp.solvers.interval import UNITS, interval_of, units_of
 from nhpocp.solvers.meeting import Meeting, basis_table, place
 
 
@@ -50,6 +50,7 @@ class Row:
     upper: float
     time: float  # share of the horizon
     stated: bool = False  # by the problem file, not by the transcription
+    unit: float = 1.0  # what counts as 1 in it: the bounds are in multiples of it
 
 
 class Transcription:
@@ -67,8 +68,9 @@ class Transcription:
         softening: float = SOFTENINGS[-1],
     ) -> None:
         self.problem, self.basis, self.intervals, self.steps = problem, basis, intervals, steps
-        self.guess, self.kernels, self.softening = guess, kernels, softening
+        self.guess, self.kernels = guess, kernels
         self.interval = interval_of(problem, basis, steps, bounds)
+        self.units = units_of(problem, bounds, softening)
         self.references = self._references(guess)
         self._shape()
 
@@ -104,9 +106,13 @@ class Transcription:
         found = []
         for task in via:
             stage, offset = place(task.share, self.intervals)
-            found.append(self.interval.meeting(task, stage, offset, self.references[stage], self.intervals))
+            found.append(
+                self.interval.meeting(task, stage, offset, self.references[stage], self.intervals, self.units)
+            )
         return found + (
-            [self.interval.last_meeting(goal, self.references[-1], self.intervals)] if goal.outputs else []
+            [self.interval.last_meeting(goal, self.references[-1], self.intervals, self.units)]
+            if goal.outputs
+            else []
         )
 
     @property
@@ -127,16 +133,14 @@ class Transcription:
 
     @property
     def _fixed(self) -> set[str]:
-        """Labels of the bounds on state blocks that the goal fixes."""
+        """Labels of the bounds on blocks of the state and on outputs that the goal fixes."""
         return {bound.label for bound in self.interval.bounds if bound.quantity in self.problem.goal}
 
     @cached_property
     def parameters(self) -> Array:
         """p_k as columns."""
         pairs = pairwise(self.references)
-        columns = [
-            np.array([self.interval.constants(*pair, self.intervals, self.softening) for pair in pairs]).T
-        ]
+        columns = [np.array([self.interval.constants(*pair, self.intervals, self.units) for pair in pairs]).T]
         if self.basis:
             edges = np.linspace(0.0, 1.0, self.intervals + 1)
             shares = np.linspace(0.0, 1.0, 2 * self.steps + 1)
@@ -165,13 +169,25 @@ class Transcription:
         return rows + [Row(f"goal of {labels[i]}", 0.0, 0.0, 1.0) for i in self.terminal] + self._met(N)
 
     def _stated(self, k: int) -> list[Row]:
-        """Rows of the bounds in interval k. Those that the goal fixes go free: twice the same equation has no rank."""
+        """Rows of the bounds in interval k.
+
+        Those that the goal decides go free: an equation that is stated twice has no rank, and a bound that touches the
+        goal leaves no interior; whether the goal keeps its bounds is asked before.
+        """
+        whole = len(self.terminal) == self.interval.dimension
         rows = []
-        for name, low, high, share in self.interval.rows:
-            given = k == self.intervals - 1 and share == 1.0 and name.partition("[")[0] in self._fixed
-            free = (-np.inf, np.inf) if given else (low, high)
-            rows.append(Row(name, *free, (k + share) / self.intervals, stated=True))
+        for row in self.interval.rows:
+            last = k == self.intervals - 1 and row.share == 1.0
+            given = last and ((whole and row.of_pose) or row.name.partition("[")[0] in self._fixed)
+            unit = float(self.units[row.unit])
+            bounds = (-np.inf, np.inf) if given else (row.lower / unit, row.upper / unit)
+            rows.append(Row(row.name, *bounds, (k + row.share) / self.intervals, stated=True, unit=unit))
         return rows
+
+    @property
+    def cost_unit(self) -> float:
+        """What counts as 1 in the objective."""
+        return float(self.units[UNITS.index("cost")])
 
     @property
     def lower(self) -> Array:
@@ -337,34 +353,40 @@ class Transcription:
     def pack(self, guess: Guess) -> Array:
         """x of a guess whose control is sampled at the intervals' middles, or given over the basis."""
         N, T = self.intervals, guess.control.horizon
-        statics: list[float] = list(guess.control.coefficients.ravel()) if self.basis else []
-        if self.interval.free_horizon:
-            statics.append(T)
-        middles = guess.control((np.arange(N) + 0.5) * T / N)
-        parts, local = [], self.interval.coordinates(guess.states, self.references)
+        scales = self.problem.scales
+        statics: list[float] = self._statics(guess.control)
+        middles = guess.control((np.arange(N) + 0.5) * T / N) / scales.inputs
+        parts, local = [], self.interval.coordinates(guess.states, self.references, self.units)
         for k in range(N + 1):
             parts += [local[k], statics]
             if k < N and not self.basis:
                 parts.append(middles[k])
         return np.concatenate(parts)
 
+    def _statics(self, control: Control) -> list[float]:
+        """c of a control."""
+        scales = self.problem.scales
+        statics = list((control.coefficients / scales.inputs[:, None]).ravel()) if self.basis else []
+        return [*statics, control.horizon / scales.time] if self.interval.free_horizon else statics
+
     def unpack(self, x: Array) -> Guess:
         """The node states and the control of a vector x, its horizon within its bounds exactly."""
         d, (stages, locals_) = self.interval.dimension, self._stages(x)
-        states = self.interval.points(locals_, self.references)
+        states = self.interval.points(locals_, self.references, self.units)
         horizon, pace = self._horizon(stages)
+        scales = pace * self.problem.scales.inputs[:, None]
         if self.basis:
             inputs = self.problem.system.input_space.size
             coefficients = stages[0, d : d + inputs * self.basis.size].reshape(inputs, self.basis.size)
-            return Guess(states, Control(self.basis, pace * coefficients, horizon))
-        values = pace * stages[:, self.interval.nodes :].T
+            return Guess(states, Control(self.basis, scales * coefficients, horizon))
+        values = scales * stages[:, self.interval.nodes :].T
         return Guess(states, Control(PiecewiseConstant(self.intervals), values, horizon))
 
     def _horizon(self, stages: Array) -> tuple[float, float]:
         """T, and by how much faster the controls must be for the same path where T was not within its bounds."""
         if not self.interval.free_horizon:
             return self.problem.horizon.fixed, 1.0
-        found = float(stages[0, self.interval.nodes - 1])
+        found = float(stages[0, self.interval.nodes - 1]) * self.problem.scales.time
         horizon = self.problem.horizon.kept(found)
         return horizon, found / horizon if self.problem.system.driftless else 1.0
 
@@ -393,7 +415,8 @@ class Transcription:
         moves by δ: p is the gradient of the cost of arriving.
         """
         space, d = self.problem.system.state_space, self.interval.dimension
-        costates = np.array([multipliers[i : i + d] for i in self.first_rows]) / self.interval.scales
+        costates = np.array([multipliers[i : i + d] for i in self.first_rows])
+        costates *= self.cost_unit / self.problem.scales.states
         _, locals_ = self._stages(x)
         for block in space.blocks:
             if block.kind == "rotation":  # ċ = ½ (ω + ω×c + (c·ω) c) of the Gibbs vector c, transposed
