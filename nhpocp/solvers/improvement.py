@@ -21,6 +21,7 @@ from nhpocp.solvers.null_space import Cost, LimitReached, NoSurfaceError, NullSp
 from nhpocp.solvers.path_rows import FORGIVEN, INSIDE, PathRows, worst
 
 HELD = 1e-6  # of a limit: a violation that is rounding; verification forgives a thousand times as much
+NOTHING = 1e-6  # of a problem's own cost
 
 Try = Callable[[Array], Evaluation | None]  # Λ ↦ where it leads; None where it cannot be integrated
 
@@ -212,7 +213,8 @@ class Improvement:
             control = self.problem.control(coefficients, self.horizon)
             cost = simulate(self.problem, control).costs[self.objective]  # not what is smooth in its place
             details["objective_value"] = cost
-            words = "at" if found and found.converged and not end else "not at"
+            nothing = cost <= NOTHING * self.problem.scales.objective(self.objective)  # and none costs less
+            words = "at" if nothing or (found and found.converged and not end) else "not at"
             parts.append(f"{self.objective} {cost:.6g} {words} a stationary point")
         if found:
             details["optimality"] = {"stationarity": found.optimality, "feasibility": found.infeasibility}
