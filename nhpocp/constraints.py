@@ -44,11 +44,18 @@ class Bound:
         """(lower, upper) of one component of the quantity."""
         return _entry(self.lower, component), _entry(self.upper, component)
 
-    def tightened(self, amount: float) -> Bound | None:
-        """Moved inwards on both sides; None where nothing would be left inside."""
-        if not amount:
-            return self
-        lower, upper = np.asarray(self.lower) + amount, np.asarray(self.upper) - amount
+    def passed(self, values: Array, tolerance: float) -> tuple[Array, Array]:
+        """By how much values (k, …) pass either limit at most, by component; 0 within ``tolerance`` of the limit."""
+        lower, upper = np.asarray(self.lower, dtype=float), np.asarray(self.upper, dtype=float)
+        below, above = (lower - values).max(axis=0), (values - upper).max(axis=0)
+        return (
+            np.where(below > tolerance * _size(lower), below, 0.0),
+            np.where(above > tolerance * _size(upper), above, 0.0),
+        )
+
+    def tightened(self, below: Array, above: Array) -> Bound | None:
+        """Moved inwards, each side and component by its own amount; None where nothing would be left inside."""
+        lower, upper = np.asarray(self.lower) + below, np.asarray(self.upper) - above
         return replace(self, lower=lower, upper=upper) if (lower <= upper).all() else None
 
 

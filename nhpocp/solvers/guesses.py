@@ -17,7 +17,7 @@ from nhpocp.flow.dynamics import Dynamics
 from nhpocp.flow.end_point_map import DifferentiatedEndPointMap
 from nhpocp.flow.integrators import RungeKutta4
 from nhpocp.problem import Horizon, PlanningProblem
-from nhpocp.solution import Outcome, Solver
+from nhpocp.solution import Outcome, Solution, Solver
 from nhpocp.solvers.initial_control import NoStartError, seeded_coefficients
 from nhpocp.solvers.transcription import Guess
 from nhpocp.state_space import StateSpace
@@ -55,8 +55,17 @@ def make_guess(
 
     Errors: `NoGuessError` where there is none, or its simulation is not finite.
     """
-    horizon = starting_horizon(problem)
-    control = maker.control(problem, horizon, seed)
+    horizon, evaluations, remark = starting_horizon(problem), 0, ""
+    if isinstance(maker, SolverGuess):
+        solution = maker.solution(problem, horizon)
+        control, evaluations = solution.control, solution.evaluations
+        if solution.outcome is not Outcome.CONVERGED:
+            remark = (
+                f"the guess is where the {solution.solver} solver ended as {solution.outcome.value}: "
+                + solution.message
+            )
+    else:
+        control = maker.control(problem, horizon, seed)
     wanted = basis or PiecewiseConstant(intervals)
     if control.basis != wanted:
         control = project(control, wanted)
@@ -68,7 +77,7 @@ def make_guess(
             Outcome.NOT_FINITE,
             "control.initial" if maker.kind == "problem" else "solvers.nlp.initial",
         )
-    return Guess(states, control)
+    return Guess(states, control, evaluations, remark)
 
 
 def starting_horizon(problem: PlanningProblem) -> float:
@@ -151,21 +160,24 @@ class ProblemGuess:
 
 @dataclass(frozen=True)
 class SolverGuess:
-    """The control that another solver finds; without one the NLP ends as that solver did."""
+    """The control at which another solver ends, which is told of no bounds: a guess need not be feasible."""
 
     solver: Solver
     kind: ClassVar[str] = "jacobian"
 
     def control(self, problem: PlanningProblem, horizon: float, seed: int) -> Control:
-        solution = self.solver.solve(held(problem, horizon))
-        if solution.outcome is not Outcome.CONVERGED:
+        return self.solution(problem, horizon).control
+
+    def solution(self, problem: PlanningProblem, horizon: float) -> Solution:
+        """Whatever it ends as: near the goal is a guess too. Errors: `NoGuessError` where it was stopped."""
+        solution = self.solver.solve(replace(held(problem, horizon), bounds=()))
+        if solution.outcome is Outcome.INTERRUPTED:
             raise NoGuessError(
-                f"the {self.solver.name} solver, whose solution was to be the guess, ended as "
-                f"{solution.outcome.value}: {solution.message}",
+                f"the {self.solver.name} solver, whose solution was to be the guess, was stopped",
                 solution.outcome,
                 "solvers.nlp.initial",
             )
-        return solution.control
+        return solution
 
 
 @dataclass(frozen=True)

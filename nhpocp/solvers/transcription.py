@@ -38,6 +38,8 @@ class Guess:
 
     states: Array
     control: Control
+    evaluations: int = 0  # that it took to find it
+    remark: str = ""  # what is to be known of it
 
 
 @dataclass(frozen=True)
