@@ -24,6 +24,7 @@ from nhpocp.state_space import StateSpace
 from nhpocp.systems.numeric import numeric_system
 
 STEPS_PER_INTERVAL = 4
+FINE_STEPS = 16
 
 
 class NoGuessError(InvalidProblemError):
@@ -55,21 +56,19 @@ def make_guess(
 
     Errors: `NoGuessError` where there is none, or its simulation is not finite.
     """
-    horizon, evaluations, remark = starting_horizon(problem), 0, ""
+    horizon, origin = starting_horizon(problem), None
     if isinstance(maker, SolverGuess):
-        solution = maker.solution(problem, horizon)
-        control, evaluations = solution.control, solution.evaluations
-        if solution.outcome is not Outcome.CONVERGED:
-            remark = (
-                f"the guess is where the {solution.solver} solver ended as {solution.outcome.value}: "
-                + solution.message
-            )
+        origin = maker.solution(problem, horizon)
+        control = origin.control
     else:
         control = maker.control(problem, horizon, seed)
     wanted = basis or PiecewiseConstant(intervals)
+    own = control
     if control.basis != wanted:
         control = project(control, wanted)
-    states = follow(problem, control, intervals, STEPS_PER_INTERVAL)
+    # another solver's plan may be too quick for the intervals: its own path, though torn from the control, leads there
+    followed, steps = (own, FINE_STEPS) if origin else (control, STEPS_PER_INTERVAL)
+    states = follow(problem, followed, intervals, steps)
     if not np.isfinite(states).all():
         raise NoGuessError(
             f"the path under the {maker.kind} guess is not finite; try another control.initial, or "
@@ -77,7 +76,7 @@ def make_guess(
             Outcome.NOT_FINITE,
             "control.initial" if maker.kind == "problem" else "solvers.nlp.initial",
         )
-    return Guess(states, control, evaluations, remark)
+    return Guess(states, control, origin)
 
 
 def starting_horizon(problem: PlanningProblem) -> float:

@@ -9,15 +9,18 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from nhpocp.constraints import check_bounds
 from nhpocp.errors import InvalidProblemError
 from nhpocp.flow.kernels import CompiledWhenReady, Kernels
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Outcome, Progress, Solution, telling
+from nhpocp.solvers.continuation import Continuation
 from nhpocp.solvers.guesses import GuessMaker, ProblemGuess, SolverGuess, StraightGuess
 from nhpocp.solvers.interruption import Interruption
 from nhpocp.solvers.optimizers import Ipopt, Optimizer
 from nhpocp.solvers.shooting_run import Run
 from nhpocp.solvers.single_shooting import SingleShooting
+from nhpocp.solvers.step_rules import Adaptive
 from nhpocp.solvers.strategies import Auto
 from nhpocp.solvers.transcription import Transcription
 
@@ -98,7 +101,9 @@ class MultipleShooting:
         for start in range(self.starts):
             maker = self.guess if start == 0 else ProblemGuess()
             told = telling(progress, way=f"start {start + 1} of {self.starts}" if self.starts > 1 else None)
-            solution = self._run(problem, told, maker, self.seed + start if start else 0, self._allowed)
+            solution = self._run(
+                problem, told, maker, self.seed + start if start else 0, self._allowed
+            ).solve()
             yield solution
             if solution.outcome is Outcome.INTERRUPTED:
                 break
@@ -108,16 +113,17 @@ class MultipleShooting:
     ) -> Solution:
         """What other guesses lead to, added to ``ended``: the first that ends well, else the best so far."""
         tried = [f"{self.guess.kind}: {_in_short(best)}"]
-        budget = self._allowed
+        budget, reached = self._allowed, None
         left = budget * self.starts - sum(len(solution.iterations) for solution in ended) if budget else None
-        for maker in (StraightGuess(), SolverGuess(Auto()), ProblemGuess()):
-            if maker.kind == self.guess.kind:
-                continue
+        known: list[GuessMaker] = [StraightGuess(), SolverGuess(self._continuation), ProblemGuess()]
+        others = [maker for maker in known if maker.kind != self.guess.kind]
+        for maker in others:
             if left is not None and left <= 0:
                 tried.append("max_iterations was reached")
                 break
             told = telling(progress, way=f"from the guess {maker.kind}")
-            solution = self._run(problem, told, maker, 0, left)
+            run = self._run(problem, told, maker, 0, left, last=maker is others[-1])
+            solution = run.solve()
             ended.append(solution)
             if solution.outcome is Outcome.INTERRUPTED:
                 return solution
@@ -126,7 +132,11 @@ class MultipleShooting:
                 return replace(solution, warnings=[*solution.warnings, words])
             tried.append(f"{maker.kind}: {_in_short(solution)}")
             left = left - len(solution.iterations) if left is not None else None
-        return replace(best, message=f"{best.message} Guesses that were tried: {'; '.join(tried)}.")
+            reached = reached or run.origin
+        words = f"Guesses that were tried: {'; '.join(tried)}."
+        if reached and best.outcome is not Outcome.CONVERGED and (plan := _taken_over(best, reached)):
+            return replace(plan, message=f"{plan.message} {words}")
+        return replace(best, message=f"{best.message} {words}")
 
     def _run(
         self,
@@ -135,13 +145,18 @@ class MultipleShooting:
         maker: GuessMaker,
         seed: int,
         iterations: int | None,
-    ) -> Solution:
-        """One run from one guess, whatever comes of it; of the iterations that are left it may not take all."""
+        last: bool = False,
+    ) -> Run:
+        """One run from one guess; of the iterations that are left only the last may take all."""
         optimizer: Any = self.optimizer
         if iterations is not None:
-            most = min(iterations, max(PATIENCE, iterations // 4))
+            most = iterations if last else min(iterations, max(PATIENCE, iterations // 4))
             optimizer = replace(optimizer, max_iterations=most)
-        return Run(self, problem, progress, maker, seed, optimizer).solve()
+        return Run(self, problem, progress, maker, seed, optimizer)
+
+    @property
+    def _continuation(self) -> Auto:
+        return Auto(Continuation(step_rule=Adaptive(), tolerance=self.tolerance))
 
     @property
     def _allowed(self) -> int | None:
@@ -160,6 +175,29 @@ def _well(solution: Solution) -> bool:
     names = [f"det_{name}" for name in solution.problem.system.breaking()]
     one_side = all(np.all(v * v[0] > 0) for v in (solution.trajectory[name] for name in names))
     return bool(one_side and solution.details.get("resimulated_gap", 0.0) <= solution.tolerance)
+
+
+def _taken_over(failed: Solution, plan: Solution) -> Solution | None:
+    """A guess that reaches the goal within every bound, where no optimum was found: what there is, in true words."""
+    problem = failed.problem
+    kept = all(r.ok for r in check_bounds(problem.bounds, plan.trajectory["t"], plan.trajectory))
+    if problem.horizon.free or not kept or not plan.final_error <= failed.tolerance:
+        return None
+    details = {**failed.details, "guess": "jacobian", "objective_value": plan.costs.get(problem.objective)}
+    for name in ("costates", "optimality"):
+        details.pop(name, None)
+    words = "Reached; optimality is not certified: this is the guess, over the problem's own basis"
+    return replace(
+        failed,
+        outcome=Outcome.CONVERGED,
+        message=f"{words}. {failed.message}",
+        warnings=[*failed.warnings, words],
+        final_error=plan.final_error,
+        control=plan.control,
+        trajectory=plan.trajectory,
+        costs=plan.costs,
+        details=details,
+    )
 
 
 def _rank(solution: Solution) -> tuple[bool, bool, float]:

@@ -92,6 +92,7 @@ class Run:
         self.warnings: list[str] = []
         self.logs: list[str] = []
         self.evaluations = 0
+        self.origin: Solution | None = None  # of the guess
         self.build_seconds = 0.0
         self.details: dict[str, Any] = {"guess": maker.kind}
 
@@ -101,9 +102,14 @@ class Run:
             guess = make_guess(self.maker, self.problem, self.basis, self.solver.intervals, self.seed)
         except NoGuessError as error:
             return self._without_optimum(error, perf_counter() - began)
-        self.evaluations += guess.evaluations
-        if guess.remark:
-            self.warnings.append(guess.remark)
+        self.origin = guess.origin
+        if guess.origin:
+            self.evaluations += guess.origin.evaluations
+            if guess.origin.outcome is not Outcome.CONVERGED:
+                self.warnings.append(
+                    f"the guess is where the {guess.origin.solver} solver ended as {guess.origin.outcome.value}: "
+                    + guess.origin.message
+                )
         steps = self.solver.steps_per_interval or self._enough_steps(guess.control)
         programme, optimum = self._refine(*self._optimise(guess, steps, None))
         plan = programme.unpack(optimum.x)

@@ -28,6 +28,7 @@ from nhpocp.controls.piecewise_constant import PiecewiseConstant
 from nhpocp.flow.kernels import Kernels
 from nhpocp.flow.shot import Shots
 from nhpocp.problem import PlanningProblem
+from nhpocp.solution import Solution
 from nhpocp.solvers.interval import UNITS, interval_of, units_of
 from nhpocp.solvers.meeting import Meeting, basis_table, place
 
@@ -38,8 +39,7 @@ class Guess:
 
     states: Array
     control: Control
-    evaluations: int = 0  # that it took to find it
-    remark: str = ""  # what is to be known of it
+    origin: Solution | None = None  # whose control it is
 
 
 @dataclass(frozen=True)
