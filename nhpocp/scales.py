@@ -48,6 +48,11 @@ class Scales:
         """One per input."""
         return np.array([self.of(block.unit) / self.time for block in _by_number(self.system.input_space)])
 
+    @property
+    def points(self) -> Array:
+        """One per number of a packed state; the entries of a rotation are numbers up to 1."""
+        return np.array([self.of(b.unit) for b in self.system.state_space.blocks for _ in range(b.size)])
+
     def objective(self, name: str) -> float:
         """Of one of `INTEGRANDS`, integrated over the motion, or of the time."""
         if name == "time":

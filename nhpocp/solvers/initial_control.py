@@ -12,7 +12,7 @@ from nhpocp.solvers.end_point_error import EndPointError
 from nhpocp.systems.numeric import numeric_system
 
 DRAWS = 100
-SPREAD = 0.5  # [rad] standard deviation of a coefficient times T: the size of the paper's own start
+SPREAD = 0.5  # of its input's natural size, the standard deviation of a coefficient: the size of the paper's own start
 CONDITION_ABOVE = 1e-3  # least over largest singular value of the Jacobian; the paper's start has 3.5e-3
 
 
@@ -28,13 +28,9 @@ def initial_coefficients(problem: PlanningProblem, end_point_map: EndPointMap, s
 
 
 def drawn(problem: PlanningProblem, random: np.random.Generator, size: float = 1.0) -> Array:
-    """Normal random coefficients (inputs × basis size), a share ``size`` of what turns the mechanism by half a radian.
-
-    Inputs that are speeds of lengths are scaled with the mechanism's own length.
-    """
-    units = np.array(problem.system.input_space.tangent_units)
-    spread = size * SPREAD / problem.horizon.fixed * np.where(units == "length", problem.scale, 1.0)
-    return random.normal(0.0, spread[:, None], (len(units), problem.basis.size))
+    """Normal random coefficients (inputs × basis size); size 1 turns the mechanism by about half a radian."""
+    spread = size * SPREAD * problem.scales.inputs
+    return random.normal(0.0, spread[:, None], (len(spread), problem.basis.size))
 
 
 def seeded_coefficients(problem: PlanningProblem, end_point_map: EndPointMap, seed: int) -> Array:
@@ -51,7 +47,8 @@ def seeded_coefficients(problem: PlanningProblem, end_point_map: EndPointMap, se
         if not np.isfinite(end.path).all() or not np.isfinite(end.jacobian).all():
             continue
         signs = np.sign(np.array(list(numeric.determinants(end.path).values())))
-        rows = EndPointError(problem, end).jacobian
+        natural = np.repeat(problem.scales.inputs, problem.basis.size)
+        rows = EndPointError(problem, end).jacobian * natural
         values = np.linalg.svd(rows, compute_uv=False)
         full_rank = values.size == len(rows) and values[-1] > CONDITION_ABOVE * values[0]
         if (not signs.size or (signs == signs[:, :1]).all()) and full_rank:
