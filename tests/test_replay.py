@@ -18,7 +18,7 @@ from nhpocp.controls.piecewise_constant import PiecewiseConstant
 from nhpocp.controls.projection import project
 from nhpocp.controls.sequence import SequenceBasis
 from nhpocp.systems.numeric import NumericSystem
-from nhpocp.verification.crossings import sign_changes
+from nhpocp.verification.crossings import TOUCH, sign_changes, touches
 from nhpocp.verification.replay import inputs_on_piece, integrate, replay, sample
 
 
@@ -143,3 +143,37 @@ def test_sign_changes_are_found_to_nine_digits(zeros):
 def test_touching_zero_is_no_change_of_sign():
     times = np.linspace(0, 1, 101)
     assert sign_changes(lambda t: (t - 0.503) ** 2 + 1e-9, times, (times - 0.503) ** 2 + 1e-9) == []
+
+
+@pytest.mark.parametrize("zero", [0.0, 0.5, 0.50321, 0.505, 1.0])
+@pytest.mark.parametrize("shape", [abs, np.square], ids=["corner", "parabola"])
+def test_a_touch_is_found_once_wherever_it_lies(zero, shape):
+    def function(t):
+        return float(shape(3.0 * (t - zero)))
+
+    times = np.linspace(0, 1, 101)
+    values = np.array([function(t) for t in times])
+    (found,) = touches(function, times, values)
+    assert found == pytest.approx(zero, abs=1e-4 if shape is np.square else 3e-8)
+    assert touches(function, times, values, crossed=[zero]) == []  # it is known by another name
+
+
+@pytest.mark.parametrize("zero", [0.0, 0.5, 0.50321, 1.0])
+@pytest.mark.parametrize("shape", [abs, np.square], ids=["corner", "parabola"])
+def test_what_only_comes_near_is_no_touch(zero, shape):
+    def function(t):
+        return float(shape(3.0 * (t - zero))) + 1.01 * TOUCH
+
+    times = np.linspace(0, 1, 101)
+    assert touches(function, times, np.array([function(t) for t in times])) == []
+
+
+def test_stretches_of_zeros_are_one_touch_each():
+    def function(t):
+        return max(0.0, abs(t - 0.2) - 0.1) * max(0.0, abs(t - 0.7) - 0.1)
+
+    times = np.linspace(0, 1, 101)
+    first, second = touches(function, times, np.array([function(t) for t in times]))
+    assert 0.0999 < first < 0.3001
+    assert 0.5999 < second < 0.8001
+    assert len(touches(lambda t: 0.0, times, np.zeros(101))) == 1
