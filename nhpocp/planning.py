@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from time import perf_counter
 
 import numpy as np
@@ -10,6 +11,7 @@ from nhpocp.arrays import Array
 from nhpocp.constraints import check_bounds
 from nhpocp.flow.simulation import simulate
 from nhpocp.problem import PlanningProblem
+from nhpocp.scales import coarse
 from nhpocp.solution import Outcome, Progress, Solution, Solver
 from nhpocp.solvers.interruption import Interruption
 from nhpocp.systems.numeric import NumericSystem, numeric_system
@@ -28,13 +30,23 @@ def solve(
     of the Solution.
     """
     solver = solver or default_solver(problem)
-    solution = refused(problem, solver) or solver.solve(problem, progress)
+    solution = _doubted(refused(problem, solver) or solver.solve(problem, progress))
     began = perf_counter()
     if progress:
         progress({"k": None, "error": None, "stage": "verifying"})
     with Interruption():  # short, and an interrupted solution deserves its verdict
         verdict = verify(solution)
     return solution.judged(verdict, perf_counter() - began)
+
+
+def _doubted(solution: Solution) -> Solution:
+    """With a warning where what counts as reached is a large part of the motion."""
+    problem = solution.problem
+    poses = [problem.start, *(via.goal for via in problem.via), problem.goal]
+    words = coarse(problem.scales, poses, problem.error_length, solution.tolerance)
+    if not words:
+        return solution
+    return replace(solution, warnings=[*solution.warnings, f"error_length: {words}"])
 
 
 def default_solver(problem: PlanningProblem) -> Solver:

@@ -318,7 +318,11 @@ class _Check:
         if not self.problem.bounds:
             return []
         reports = check_bounds(self.problem.bounds, self.samples.times, self.trajectory)
-        self.reasons.extend(report.describe() for report in reports if not report.ok)
+        self.reasons.extend(
+            f"{report.describe()} by {report.worst:.3g}, more than the {report.allowed:.3g} allowed"
+            for report in reports
+            if not report.ok
+        )
         return reports
 
 
