@@ -83,7 +83,7 @@ class _Check:
         self.system: Any = self.problem.system
         self.space = self.system.state_space
         self.numeric = numeric_system(self.system)
-        self.path = replay(self.numeric, self.control, self.problem.start_point)
+        self.path = replay(self.numeric, self.control, self.problem.start_point, self.problem.scales.points)
         self.samples = sample(self.path, self.control, SAMPLES)
         self.allowed = SLACK * self.solution.tolerance
 
@@ -205,6 +205,7 @@ class _Check:
             self.control,
             self.problem.start_point,
             Watch(other, self.problem.start_point, vanishing=1e-5),
+            self.problem.scales.points,
         )
         return self._judge_original(path)
 
