@@ -42,7 +42,7 @@ from nhpocp.solvers.transcription import Transcription
 from nhpocp.systems.numeric import NumericSystem
 from nhpocp.systems.three_upu import ThreeUPU
 
-needs_compiler = pytest.mark.skipif(machine.c_compiler() is None, reason="no C compiler")
+needs_compiler = pytest.mark.skipif(not machine.c_compiler(), reason="no C compiler")
 QUICKLY = (  # to compile; what matters here is what is done with the result, which shall round otherwise than CasADi
     ("-O0", "-mfpmath=387", "-fPIC", "-shared"),
     ("-O0", "-fPIC", "-shared"),
@@ -270,7 +270,7 @@ def test_without_a_compiler_the_answer_is_the_same(numbers, cache, caplog, monke
     for _ in range(2):
         np.testing.assert_array_equal(numbers(Compiled()), expected)
     assert [record.message for record in caplog.records] == [
-        "nhpocp: no C compiler was found: CasADi's own evaluation is used, slower"
+        "nhpocp: no C compiler was found (CC is '/no/such/compiler'): CasADi's own evaluation is used, slower"
     ]
     assert stored(cache) == []
 
