@@ -16,9 +16,8 @@ from nhpocp.systems.numeric import numeric_system
 
 DRAWS = 100
 PATIENCE = 20  # draws, after which the best so far is taken if it has full rank
-SPREAD = (
-    0.5  # of its input's natural size, the standard deviation of a coefficient: that of the paper's own start
-)
+# of its input's natural size, the standard deviation of a coefficient: that of the paper's own start
+SPREAD = 0.5
 # of SPREAD, draw after draw: short motions stay clear of the singular surfaces around the start, long ones turn far
 # enough for brackets of a high degree to show, and for the many functions of a fine grid, which cancel each other
 WIDTHS = (1.0, 2.0, 0.5, 4.0, 0.25, 8.0, 0.125)
@@ -126,6 +125,6 @@ def _why(problem: PlanningProblem, best: Start | None) -> str:
         )
     return (
         f"no control of full rank found in {widths}: the best Jacobian has σ_min/σ_max = {best.conditioning:.2g}, "
-        f"lengths divided by {problem.scale:.4g}, and below {RANK:g} that cannot be told from a loss of rank; more "
-        f"functions than {functions}, another length_scale or a control of your own may do better"
+        f"lengths divided by {problem.scales.length:.4g}, and below {RANK:g} that cannot be told from a loss of rank; "
+        f"more functions than {functions} or a control of your own may do better"
     )
