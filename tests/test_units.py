@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from conftest import PAPER_START, yaw
 
-from nhpocp import planning
+from nhpocp import planning, so3
 from nhpocp.constraints import Bound
 from nhpocp.controls.fourier import Fourier
 from nhpocp.problem import Horizon, PlanningProblem, Via
@@ -17,6 +17,10 @@ from nhpocp.solvers.continuation import Continuation
 from nhpocp.solvers.generalized_inverses import L2Metric, Lagrangian
 from nhpocp.solvers.step_rules import Adaptive, Euler, Ode
 from nhpocp.solvers.strategies import Auto
+from nhpocp.systems.heisenberg import Heisenberg
+from nhpocp.systems.orienting_platform import OrientingPlatform
+from nhpocp.systems.parallel_robot import ParallelRobot
+from nhpocp.systems.rolling_sphere import RollingSphere
 from nhpocp.systems.three_upu import ThreeUPU
 from nhpocp.systems.unicycle import Unicycle
 from nhpocp.verification import verify
@@ -61,6 +65,52 @@ def unicycle(s=1.0, tau=1.0):
         horizon=Horizon(tau),
         error_length=s,
     )
+
+
+def sphere(s=1.0, tau=1.0, contact="rubber"):
+    return PlanningProblem(
+        system=RollingSphere(radius=s, contact=contact),
+        start={"position": [0, 0], "orientation": np.eye(3)},
+        goal={"position": [s, 0.5 * s], "orientation": so3.from_rpy(np.array([0.3, 0.2, 0.8]))},
+        horizon=Horizon(tau),
+        error_length=s,
+    )
+
+
+def marble(s=1.0, tau=1.0):
+    return sphere(s, tau, "marble")
+
+
+def wrist(s=1.0, tau=1.0):
+    sizes = {
+        name: OrientingPlatform.declared[name].default
+        for name in ("base_radius", "platform_radius", "height")
+    }
+    return PlanningProblem(
+        system=OrientingPlatform(**{name: s * size for name, size in sizes.items()}),
+        start={"orientation": np.eye(3)},
+        goal={"orientation": so3.from_rpy(np.array([0.1, 0.1, 0.3]))},
+        horizon=Horizon(tau),
+        error_length=s,
+    )
+
+
+def mixed_legs(s=1.0, tau=1.0):
+    places, given = ("base", "platform"), ParallelRobot.presets["mixed"]["legs"]
+    legs = [leg | {place: s * np.array(leg[place]) for place in places if place in leg} for leg in given]
+    return PlanningProblem(
+        system=ParallelRobot(legs),
+        start={"position": [0, 0, 25 * s], "orientation": yaw(-np.pi / 6)},
+        goal={"position": [-0.4 * s, -0.2 * s, 30 * s], "orientation": yaw(-np.pi / 3)},
+        horizon=Horizon(tau),
+        error_length=s,
+    )
+
+
+def heisenberg(s=1.0, tau=1.0):
+    """Numbers without a unit: only the time's changes."""
+    zero = {"x": 0.0, "y": 0.0, "z": 0.0}
+    return PlanningProblem(system=Heisenberg(), start=zero, goal=zero | {"z": 1.0}, horizon=Horizon(tau))
 
 
 BOUNDS = {
@@ -109,7 +159,7 @@ def test_the_continuation_takes_the_same_steps(solver):
     assert_the_same(robot, solver, UNITS)
 
 
-@pytest.mark.parametrize("make", [via, drawn, unicycle])
+@pytest.mark.parametrize("make", [via, drawn, unicycle, sphere, marble, wrist, mixed_legs, heisenberg])
 def test_of_other_tasks_too(make):
     assert_the_same(make, Auto(), FAR)
 
@@ -125,6 +175,11 @@ def test_the_null_space_ends_at_the_same_least_cost(objective):
     s, tau = FAR[-1]
     unit = {"effort": 1 / tau, "leg_effort": s**2 / tau, "path_length": s}[objective]
     assert last.details["objective_value"] == pytest.approx(unit * first.details["objective_value"], rel=1e-9)
+
+
+def test_the_shortest_path_is_the_same_where_inputs_have_two_units():
+    """(∫|u|² would be another cost in other units.)"""
+    assert_the_same(marble, Continuation(step_rule=Adaptive(), objective="path_length"), FAR[:1])
 
 
 @pytest.mark.parametrize("kind", BOUNDS.values(), ids=BOUNDS)

@@ -14,7 +14,7 @@ from nhpocp.flow.integrators import Integrator
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Outcome
 from nhpocp.solvers.evaluation import Evaluation
-from nhpocp.solvers.generalized_inverses import Coordinates, L2Metric
+from nhpocp.solvers.generalized_inverses import Coordinates, WeightedMetric
 from nhpocp.solvers.multipliers import rounds
 from nhpocp.solvers.null_space import Cost, LimitReached, NoSurfaceError, NullSpaceResult, minimise
 from nhpocp.solvers.path_rows import FORGIVEN, INSIDE, PathRows, worst
@@ -76,8 +76,9 @@ class Improvement:
     def __post_init__(self) -> None:
         problem, horizon = self.problem, self.horizon
         basis, scales = problem.basis, problem.scales
-        # in which the effort is |y|², in units of its scale
-        coordinates = Coordinates.natural(L2Metric(), basis, scales.inputs, horizon)
+        # in which the effort is |y|² in units of its scale, and each input counts by its own size where these differ
+        metric = WeightedMetric(1.0 / scales.inputs**2)
+        coordinates = Coordinates.natural(metric, basis, scales.inputs, horizon)
         self._unscale, self._first = coordinates.back, coordinates.of(self.reached.ravel())
         self._last: tuple[Array, Array] | None = None  # y and the path of the latest attempt
         self._path_rows = PathRows(problem, basis, horizon, self.times) if problem.bounds else None
