@@ -71,13 +71,16 @@ def direction(name: str) -> Block:
 
 
 def check_distinct(parts: Iterable[tuple[str, str, Iterable[str]]]) -> None:
-    """Errors: `InvalidProblemError` where two parts, (what it is, its name, those of its numbers), share a name.
+    """Names of parts of a state or trajectory: printable, and none twice, among those of the parts' numbers either.
 
-    So may a part and a number of another: `x[0]` beside the vector `x`.
+    parts: what it is, its name, the names of its numbers. Errors: `InvalidProblemError`, as for `x[0]` beside the
+    vector `x`.
     """
     taken: dict[str, str] = {}
     for what, name, labels in parts:
         words, names = f"{what} {name!r}", dict.fromkeys([name, *labels])
+        if not name or not name.isprintable():
+            raise InvalidProblemError(f"{words}: expected a name of one or more printable characters")
         for each in names:
             if each in taken:
                 raise InvalidProblemError(
