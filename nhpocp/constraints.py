@@ -14,13 +14,14 @@ from typing import Any
 import numpy as np
 
 from nhpocp.arrays import Array, namespace
+from nhpocp.frozen import Frozen
 from nhpocp.objectives import quantity
 from nhpocp.scales import side_size
 from nhpocp.systems.system import System
 
 
 @dataclass(frozen=True)
-class Bound:
+class Bound(Frozen):
     """lower ≤ quantity ≤ upper at every time, componentwise; bounds broadcast over the quantity's components."""
 
     label: (

@@ -10,6 +10,7 @@ import numpy as np
 from nhpocp.arrays import Array
 from nhpocp.constraints import check_bounds
 from nhpocp.flow.simulation import simulate
+from nhpocp.kept import let_go
 from nhpocp.problem import PlanningProblem
 from nhpocp.scales import coarse
 from nhpocp.solution import Outcome, Progress, Solution, Solver
@@ -36,6 +37,10 @@ def solve(
         progress({"k": None, "error": None, "stage": "verifying"})
     with Interruption():  # short, and an interrupted solution deserves its verdict
         verdict = verify(solution)
+    if solution.outcome is Outcome.CONVERGED and not verdict.ok:
+        let_go(
+            problem.system
+        )  # a class or a global that the equations read may have changed since it was made
     return solution.judged(verdict, perf_counter() - began)
 
 

@@ -14,6 +14,7 @@ from nhpocp import so3
 from nhpocp.arrays import Array, namespace
 from nhpocp.calls import call, side_by_side
 from nhpocp.errors import OrientationAtPiError
+from nhpocp.kept import kept
 from nhpocp.state_space import Block, StateSpace, Unit
 from nhpocp.systems.system import System
 
@@ -202,7 +203,7 @@ def _part(space: StateSpace, fixed: StateSpace, point: Array) -> Array:
     return fixed.pack({name: here[name] for name in fixed.names})
 
 
-@lru_cache(maxsize=64)
+@kept(most=64)
 def _difference(space: StateSpace, fixed: StateSpace) -> ca.Function:
     """(point, wanted blocks) ↦ (`StateSpace.difference` of the two, the angles of its rotations)."""
     point, wanted = ca.SX.sym("x", space.size), ca.SX.sym("wanted", fixed.size)
@@ -224,7 +225,7 @@ def _observed(system: System, name: str, point: Array) -> tuple[Array, Array]:
     return value.ravel(), by_tangent.T
 
 
-@lru_cache(maxsize=64)
+@kept(most=64)
 def _observer(system: System, name: str) -> ca.Function:
     space = system.state_space
     x, delta = ca.SX.sym("x", space.size), ca.SX.sym("delta", space.dimension)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import Protocol
 
 import casadi as ca
@@ -21,6 +20,7 @@ from nhpocp.controls.basis import ControlBasis
 from nhpocp.controls.control import Control
 from nhpocp.flow.dynamics import Dynamics
 from nhpocp.flow.integrators import RungeKutta4, uniform_grid
+from nhpocp.kept import kept
 from nhpocp.objectives import quantity
 from nhpocp.problem import PlanningProblem
 from nhpocp.systems.numeric import numeric_system
@@ -192,7 +192,7 @@ class _Boxed:
         return scaled[:, :, : -self._inputs], scaled[:, :, -self._inputs :]
 
 
-@lru_cache(maxsize=128)
+@kept(most=128)
 def _quantity_functions(system: System, name: str) -> tuple[ca.Function, ca.Function, tuple[int, ...]]:
     """(x, u) ↦ a quantity's components row by row, (x, u) ↦ their derivative by (x, u), and the quantity's shape."""
     x, u = ca.SX.sym("x", system.state_space.size), ca.SX.sym("u", system.input_space.size)
@@ -243,7 +243,7 @@ class _Clearance:
         return scaled, np.zeros((*scaled.shape[:2], self._inputs))
 
 
-@lru_cache(maxsize=64)
+@kept(most=64)
 def _weighted_matrix_slope(system: System, name: str) -> ca.Function:
     """(x, A) ↦ d/dx Σ A_ij M_ij(x) for a regularity matrix M."""
     x = ca.SX.sym("x", system.state_space.size)

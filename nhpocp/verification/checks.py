@@ -14,7 +14,7 @@ from nhpocp.arrays import Array
 from nhpocp.constraints import BoundReport, check_bounds
 from nhpocp.solution import Crossing, Replay, Solution, Verdict
 from nhpocp.state_space import Block
-from nhpocp.systems.numeric import numeric_system
+from nhpocp.systems.numeric import NumericSystem
 from nhpocp.verification import geometry
 from nhpocp.verification.crossings import find_crossings
 from nhpocp.verification.replay import (
@@ -82,7 +82,7 @@ class _Check:
         self.problem, self.control = self.solution.problem, self.solution.control
         self.system: Any = self.problem.system
         self.space = self.system.state_space
-        self.numeric = numeric_system(self.system)
+        self.numeric = NumericSystem(self.system)  # afresh: what the solver keeps may be out of date
         self.path = replay(self.numeric, self.control, self.problem.start_point, self.problem.scales.points)
         self.samples = sample(self.path, self.control, SAMPLES)
         self.allowed = SLACK * self.solution.tolerance
