@@ -50,7 +50,10 @@ _ADVICE = {
         "The error no longer falls; try another control.initial, more harmonics, or a smaller gamma."
     ),
     Outcome.DIVERGED: "The error grows without bound; try a smaller gamma or another control.initial.",
-    Outcome.RANK_DEFICIENT: "The control cannot move the end point in every direction; use `initial: auto`.",
+    Outcome.RANK_DEFICIENT: (
+        "To working precision the control cannot move the end point in every direction; try `initial: auto` or "
+        "another seed, more functions, or the nlp solver."
+    ),
     Outcome.SINGULAR_S: (
         "The path runs into det S = 0, where eq. (7) is undefined; try another control.initial, a "
         "smaller gamma or `form: original`."

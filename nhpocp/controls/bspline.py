@@ -116,8 +116,11 @@ class BSpline(ControlBasis):
     @classmethod
     def from_json(cls, data: Mapping[str, Any]) -> tuple[Self, Array]:
         coefficients = np.asarray(data["coefficients"], dtype=float)
-        found = cls(int(data["degree"]), coefficients.shape[1] - int(data["degree"]))
-        knots, expected = np.asarray(data["knots"], dtype=float), found.knots(data["horizon"])
+        knots, degree = np.asarray(data["knots"], dtype=float), int(data["degree"])
+        if not len(coefficients):  # no inputs
+            coefficients = coefficients.reshape(0, len(knots) - degree - 1)
+        found = cls(degree, coefficients.shape[1] - degree)
+        expected = found.knots(data["horizon"])
         if knots.shape != expected.shape or np.abs(knots - expected).max() > 1e-9 * data["horizon"]:
             raise InvalidProblemError(
                 "knots that are not uniform and clamped; only equal intervals are supported",
