@@ -11,8 +11,6 @@ from nhpocp.arrays import Array
 from nhpocp.controls.basis import ControlBasis, Side
 from nhpocp.errors import InvalidProblemError
 
-TABLE = 4_000_000  # numbers of a table of basis functions at once, 32 MB
-
 
 @dataclass(frozen=True)
 class Control:
@@ -34,12 +32,7 @@ class Control:
 
     def __call__(self, times: Array, side: Side = "right") -> Array:
         """Values at times (k,) → (k, inputs)."""
-        times = np.atleast_1d(times)
-        rows = max(1, TABLE // self.basis.size)  # of a table, whose memory stays within limits
-        parts = [times[first : first + rows] for first in range(0, len(times), rows)] or [times]
-        return np.concatenate(
-            [self.basis.table(part, self.horizon, side) @ self.coefficients.T for part in parts]
-        )
+        return self.basis.table(np.atleast_1d(times), self.horizon, side) @ self.coefficients.T
 
     def derivative(self, times: Array, side: Side = "right") -> Array:
         """du/dt at times (k,) → (k, inputs); a jump has none."""
