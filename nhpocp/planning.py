@@ -31,7 +31,7 @@ def solve(
     of the Solution.
     """
     solver = solver or default_solver(problem)
-    solution = _doubted(refused(problem, solver) or solver.solve(problem, progress))
+    solution = _doubted(refused(problem, solver) or _with_pose(solver.solve(problem, progress)))
     began = perf_counter()
     if progress:
         progress({"k": None, "error": None, "stage": "verifying"})
@@ -54,6 +54,14 @@ def _doubted(solution: Solution) -> Solution:
     return replace(solution, warnings=[*solution.warnings, f"error_length: {words}"])
 
 
+def _with_pose(solution: Solution) -> Solution:
+    """A solution that says which of many poses it chose, where the goal names outputs or leaves something free."""
+    if solution.outcome is not Outcome.CONVERGED or solution.problem.goal_is_a_pose:
+        return solution
+    reached = solution.pose_reached
+    return replace(solution, message=f"{solution.message} It ends at {reached}.") if reached else solution
+
+
 def default_solver(problem: PlanningProblem) -> Solver:
     """The problem's own Jacobian method."""
     from nhpocp.solvers.continuation import Continuation
@@ -69,7 +77,7 @@ def refused(problem: PlanningProblem, solver: Solver) -> Solution | None:
         return _unsolved(
             problem, solver, Outcome.NOT_REACHED, f"{missed}. There is no control to search for."
         )
-    if set(problem.goal) != set(problem.system.state_space.names):
+    if not problem.goal_is_a_pose:
         return None
     numeric = numeric_system(problem.system)
     ends = np.stack([problem.start_point, problem.goal_point])
