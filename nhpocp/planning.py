@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from time import perf_counter
 
 import numpy as np
@@ -9,7 +10,10 @@ import numpy as np
 from nhpocp.arrays import Array
 from nhpocp.constraints import check_bounds
 from nhpocp.flow.simulation import simulate
+from nhpocp.foreseen import contradiction, endless
+from nhpocp.kept import let_go
 from nhpocp.problem import PlanningProblem
+from nhpocp.scales import coarse
 from nhpocp.solution import Outcome, Progress, Solution, Solver
 from nhpocp.solvers.interruption import Interruption
 from nhpocp.systems.numeric import NumericSystem, numeric_system
@@ -28,13 +32,35 @@ def solve(
     of the Solution.
     """
     solver = solver or default_solver(problem)
-    solution = refused(problem, solver) or solver.solve(problem, progress)
+    solution = _doubted(refused(problem, solver) or _with_pose(solver.solve(problem, progress)))
     began = perf_counter()
     if progress:
         progress({"k": None, "error": None, "stage": "verifying"})
     with Interruption():  # short, and an interrupted solution deserves its verdict
         verdict = verify(solution)
+    if solution.outcome is Outcome.CONVERGED and not verdict.ok:
+        let_go(
+            problem.system
+        )  # a class or a global that the equations read may have changed since it was made
     return solution.judged(verdict, perf_counter() - began)
+
+
+def _doubted(solution: Solution) -> Solution:
+    """With a warning where what counts as reached is a large part of the motion."""
+    problem = solution.problem
+    poses = [problem.start, *(via.goal for via in problem.via), problem.goal]
+    words = coarse(problem.scales, poses, problem.error_length, solution.tolerance)
+    if not words:
+        return solution
+    return replace(solution, warnings=[*solution.warnings, f"error_length: {words}"])
+
+
+def _with_pose(solution: Solution) -> Solution:
+    """A solution that says which of many poses it chose, where the goal names outputs or leaves something free."""
+    if solution.outcome is not Outcome.CONVERGED or solution.problem.goal_is_a_pose:
+        return solution
+    reached = solution.pose_reached
+    return replace(solution, message=f"{solution.message} It ends at {reached}.") if reached else solution
 
 
 def default_solver(problem: PlanningProblem) -> Solver:
@@ -52,16 +78,17 @@ def refused(problem: PlanningProblem, solver: Solver) -> Solution | None:
         return _unsolved(
             problem, solver, Outcome.NOT_REACHED, f"{missed}. There is no control to search for."
         )
-    if set(problem.goal) != set(problem.system.state_space.names):
-        return None
     numeric = numeric_system(problem.system)
-    ends = np.stack([problem.start_point, problem.goal_point])
-    for outcome, sentence in (
-        (Outcome.INFEASIBLE, _broken_bounds(problem, numeric, ends)),
-        (Outcome.OTHER_COMPONENT, _opposite_signs(problem, numeric, ends)),
-    ):
+    ends = np.array([problem.start_point, *([problem.goal_point] if problem.goal_is_a_pose else [])])
+    sentences = {
+        Outcome.INFEASIBLE: contradiction(problem) or _broken_bounds(problem, numeric, ends),
+        Outcome.OTHER_COMPONENT: _opposite_signs(problem, numeric, ends) if problem.goal_is_a_pose else "",
+    }
+    for outcome, sentence in sentences.items():
         if sentence:
             return _unsolved(problem, solver, outcome, f"{sentence}. {outcome.advice}")
+    if getattr(solver, "chooses_horizon", False) and (words := endless(problem)):
+        return _unsolved(problem, solver, Outcome.DIVERGED, f"{words}.")
     return None
 
 
@@ -103,9 +130,9 @@ def _broken_bounds(problem: PlanningProblem, numeric: NumericSystem, ends: Array
         return ""
     inputs = problem.system.input_space.size
     still, moving = (
-        numeric.trajectory(ends, np.full((2, inputs), value), problem.scale) for value in (0.0, 1.0)
+        numeric.trajectory(ends, np.full((len(ends), inputs), value), problem.scale) for value in (0.0, 1.0)
     )
-    times = np.array([0.0, problem.horizon.initial or 1.0])
+    times = np.array([0.0, problem.horizon.initial or 1.0])[: len(ends)]
     of_the_pose = [b for b in problem.bounds if np.array_equal(still[b.quantity], moving[b.quantity])]
     reports = [report for report in check_bounds(of_the_pose, times, still) if not report.ok]
     return "; ".join(

@@ -7,6 +7,9 @@ from dataclasses import dataclass, field, replace
 from enum import Enum
 from typing import Any, ClassVar, Protocol
 
+import numpy as np
+
+from nhpocp import so3
 from nhpocp.arrays import Array
 from nhpocp.constraints import BoundReport
 from nhpocp.controls.control import Control
@@ -50,7 +53,10 @@ _ADVICE = {
         "The error no longer falls; try another control.initial, more harmonics, or a smaller gamma."
     ),
     Outcome.DIVERGED: "The error grows without bound; try a smaller gamma or another control.initial.",
-    Outcome.RANK_DEFICIENT: "The control cannot move the end point in every direction; use `initial: auto`.",
+    Outcome.RANK_DEFICIENT: (
+        "To working precision the control cannot move the end point in every direction; try `initial: auto` or "
+        "another seed, more functions, or the nlp solver."
+    ),
     Outcome.SINGULAR_S: (
         "The path runs into det S = 0, where eq. (7) is undefined; try another control.initial, a "
         "smaller gamma or `form: original`."
@@ -75,15 +81,17 @@ _ADVICE = {
 
 @dataclass(frozen=True)
 class Crossing:
-    """A change of sign of a determinant along the path."""
+    """A zero of a determinant along the path."""
 
     which: str  # det_s or det_w
     time: float
     state: Mapping[str, Any]  # the pose there, plain data
-    returns: bool  # the sign comes back later, so start and goal agree
+    returns: bool  # the sign is the same at the start and at the end
+    touches: bool = False  # the zero is met from one side: the sign does not change there
 
     def to_json(self) -> dict[str, Any]:
-        return {"which": self.which, "t": self.time, "returns": self.returns, **self.state}
+        known = {"which": self.which, "t": self.time, "returns": self.returns, "touches": self.touches}
+        return {**known, **self.state}
 
 
 @dataclass(frozen=True)
@@ -174,6 +182,21 @@ class Solution:
         """True only where the solver claims it and verification confirms it."""
         return self.outcome is Outcome.CONVERGED and self.verdict is not None and self.verdict.ok
 
+    @property
+    def pose_reached(self) -> str:
+        """The state at the end in words, angles in degrees; empty where the path does not reach its end."""
+        parts = []
+        for block in self.problem.system.state_space.blocks:
+            value = np.asarray(self.trajectory[block.name][-1], dtype=float)
+            if not np.isfinite(value).all():
+                return ""
+            if block.kind == "rotation":
+                angles = np.degrees(np.asarray(so3.to_rpy(value), dtype=float))
+                parts.append(f"{block.name} roll, pitch, yaw = {_numbers(angles)} deg")
+            else:
+                parts.append(f"{block.name} = {_numbers(np.ravel(value))}")
+        return ", ".join(parts)
+
     def judged(self, verdict: Verdict, verify_seconds: float = 0.0) -> Solution:
         """The same solution with a verdict; a claim that it refutes changes the outcome."""
         outcome, message = self.outcome, self.message
@@ -185,6 +208,11 @@ class Solution:
         timing = {**self.timing, "verify_s": verify_seconds}
         timing["total_s"] = sum(timing.get(key, 0.0) for key in ("build_s", "solve_s", "verify_s"))
         return replace(self, outcome=outcome, message=message, verdict=verdict, timing=timing)
+
+
+def _numbers(values: Array) -> str:
+    words = [f"{0.0 if abs(value) < 1e-9 else value:.6g}" for value in values]
+    return words[0] if len(words) == 1 else f"({', '.join(words)})"
 
 
 class Progress(Protocol):

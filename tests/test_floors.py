@@ -11,24 +11,26 @@ import pytest
 
 ROOT = Path(__file__).parents[1] / "nhpocp"
 FLOORS = {
-    0: ("arrays", "calls", "deferred", "errors", "machine", "so3", "state_space"),
+    0: ("arrays", "calls", "deferred", "errors", "frozen", "kept", "machine", "so3", "state_space"),
     1: ("systems", "controls"),
     2: ("flow", "solution", "problem", "task", "constraints", "objectives", "scales"),
     3: ("solvers",),
-    4: ("planning", "batch", "verification", "comparison", "analysis", "views"),
+    4: ("planning", "foreseen", "batch", "verification", "comparison", "analysis", "views"),
     5: ("problem_file", "solution_folder", "comparison_folder", "analysis_folder", "sweep", "diagnosis"),
     6: ("cli",),
 }
 CHAINS = [  # inside a floor: a group may import the groups to its right, never those to its left
     ["state_space", "so3", "arrays"],
-    ["calls", "arrays"],
+    ["state_space", "frozen", "errors"],
+    ["calls", "arrays kept"],
     ["controls", "controls.basis"],
     ["systems", "systems.system"],
     ["flow.end_point_map flow.simulation", "flow.variational", "flow.integrators flow.kernels"],
-    ["solution", "problem", "scales", "task constraints objectives"],
+    ["solution", "problem", "task constraints", "scales objectives"],
     ["solvers.lockstep", "solvers.strategies", "solvers.continuation", "solvers.generalized_inverses"],
-    ["solvers.strategies", "solvers.multiple_shooting", "solvers.generalized_inverses"],
-    ["comparison batch", "planning", "verification"],
+    ["solvers.multiple_shooting", "solvers.shooting_run", "solvers.transcription", "solvers.interval"],
+    ["solvers.multiple_shooting", "solvers.strategies", "solvers.generalized_inverses"],
+    ["comparison batch", "planning", "verification foreseen"],
     ["views", "analysis", "verification"],
     ["views.film", "views.animation", "views.scene views.curves", "views.plots views.drawing", "views.style"],
     ["analysis.analysis", "analysis.verdict analysis.agility", "analysis.growth", "analysis.brackets"],

@@ -7,7 +7,7 @@ import goals
 import numpy as np
 import pytest
 import random_goals
-from conftest import Integrators, Runaway, paper_problem, yaw
+from conftest import Integrators, paper_problem, yaw
 
 from nhpocp import planning
 from nhpocp.constraints import Bound
@@ -21,6 +21,7 @@ from nhpocp.solvers.guesses import ProblemGuess, SolverGuess, StraightGuess
 from nhpocp.solvers.multiple_shooting import MultipleShooting, mesh_check
 from nhpocp.solvers.optimizers import Fatrop, Ipopt, failed
 from nhpocp.solvers.single_shooting import SingleShooting
+from nhpocp.systems.three_upu import ThreeUPU
 
 CONTINUATION = Continuation(step_rule=Euler(1.0))
 
@@ -238,6 +239,9 @@ def test_bounds_broken_between_the_nodes_are_tightened():
 # --- endings ------------------------------------------------------------------------------------------------
 
 
+SLOW_LEGS = paper_problem(bounds=[Bound("leg_speed", "u", -1.0, 1.0)])
+
+
 def ended(problem, outcome, progress=None, **settings):
     solver = MultipleShooting(**{"intervals": 8, "steps_per_interval": 1, **settings})
     solution = planning.solve(problem, solver, progress)
@@ -278,36 +282,22 @@ def test_ends_infeasible_where_the_goal_itself_breaks_a_bound():
     [{}, {"optimizer": Fatrop(max_iterations=200)}, {"transcription": SingleShooting}],
     ids=["multiple", "fatrop", "single"],
 )
-def test_ends_infeasible_with_names_and_times(settings):
-    """Legs that are far too slow: only the optimizer can find that out."""
-    bounds = [Bound("leg_speed", "u", -1.0, 1.0)]
-    solution = ended(paper_problem(bounds=bounds), Outcome.INFEASIBLE, **settings)
-    assert "Most violated: " in solution.message
+def test_what_stands_in_the_way_is_named_with_its_times(settings):
+    """Legs that are far too slow."""
+    solution = planning.solve(SLOW_LEGS, MultipleShooting(intervals=8, steps_per_interval=1, **settings))
+    assert solution.outcome in (Outcome.STAGNATED, Outcome.ITERATION_LIMIT)
+    assert "leg_speed[" in solution.message
     assert " at t=" in solution.message
-    if solution.settings["plugin"] == "ipopt":  # fatrop keeps no multipliers then
-        assert "leg_speed[" in solution.message  # holds, and is what pushes back
+    assert "or loosen leg_speed." in solution.message
     assert solution.verdict.error > 1
 
 
-def test_ends_infeasible_with_more_equations_than_unknowns(problem):
-    solution = ended(problem, Outcome.INFEASIBLE, intervals=1)
-    assert "goal of" in solution.message
-    assert "0 iterations" in solution.message
-
-
 def test_ends_not_finite_without_a_guess():
-    problem = PlanningProblem(
-        system=Runaway(), start={"x": 1.0}, goal={"x": 2.0}, initial=[[5.0, 0, 0, 0, 0]]
-    )
-    solution = ended(problem, Outcome.NOT_FINITE)
+    robot = ThreeUPU(10.0, 10.0, np.pi / 2, "normal")  # singular at the start
+    problem = paper_problem(system=robot, start={"position": [0, 0, 25], "orientation": yaw(0.0)})
+    with np.errstate(all="ignore"):
+        solution = ended(problem, Outcome.NOT_FINITE)
     assert "No guess to start from" in solution.message
-
-
-def test_ends_as_the_solver_that_was_to_make_the_guess(problem):
-    guess = SolverGuess(Continuation(max_iterations=2))
-    assert "the jacobian solver" in ended(problem, Outcome.ITERATION_LIMIT, guess=guess).message
-    flat = paper_problem(initial=np.zeros((3, 5)))
-    ended(flat, Outcome.RANK_DEFICIENT, guess=SolverGuess(Continuation()))
 
 
 def test_ends_orientation_at_pi_on_a_straight_guess():
@@ -361,10 +351,10 @@ class Stub:
 @pytest.mark.parametrize(
     "outcome", [Outcome.STAGNATED, Outcome.DIVERGED, Outcome.SOLVER_ERROR, Outcome.INTERRUPTED]
 )
-def test_every_word_of_an_optimizer_ends_the_solve(outcome, problem):
+def test_every_word_of_an_optimizer_ends_the_solve(outcome):
     stub = Stub(outcome)
-    solution = ended(problem, outcome, optimizer=stub, steps_per_interval=None)
-    assert len(stub.calls) == 1
+    solution = ended(SLOW_LEGS, outcome, optimizer=stub, steps_per_interval=None)
+    assert len(stub.calls) == (1 if outcome is Outcome.INTERRUPTED else 3)  # from three guesses
     assert solution.verdict.error > 0.1
     if outcome is Outcome.SOLVER_ERROR:
         assert "out of memory" in solution.message
@@ -386,13 +376,13 @@ def test_restoration_that_fails_beside_a_feasible_point_is_no_infeasibility():
     assert solution.outcome is Outcome.STAGNATED
 
 
-def test_ends_not_finite_naming_constraint_and_node(problem):
+def test_ends_not_finite_naming_constraint_and_node():
     def broken(start, programme):
         x = start.copy()
         x[3 * programme.stage] = np.nan  # first coordinate of node 3
         return x
 
-    solution = ended(problem, Outcome.NOT_FINITE, optimizer=Stub(Outcome.NOT_FINITE, broken))
+    solution = ended(SLOW_LEGS, Outcome.NOT_FINITE, optimizer=Stub(Outcome.NOT_FINITE, broken))
     assert "continuity of position[0] at node 3" in solution.message
     assert "det S" in solution.message
 
@@ -432,7 +422,7 @@ def test_with_enough_steps_random_goals_are_verified_or_say_why_not(seed):
     if solution.converged:
         assert solution.verdict.error <= 1.01e-6
     else:
-        assert solution.outcome in (Outcome.NOT_VERIFIED, Outcome.INFEASIBLE, Outcome.ITERATION_LIMIT)
+        assert solution.outcome in (Outcome.NOT_VERIFIED, Outcome.STAGNATED, Outcome.ITERATION_LIMIT)
         assert solution.message
 
 

@@ -27,8 +27,8 @@ from nhpocp.systems.three_upu import ThreeUPU
 
 SOLVERS = {
     "nlp": build_solver("nlp", {"intervals": 12, "steps_per_interval": 1}),
-    "single shooting": build_solver("nlp", {"intervals": 12, "shooting": "single"}),
-    "over the basis": build_solver("nlp", {"intervals": 12, "control": "basis"}),
+    "single shooting": build_solver("nlp", {"intervals": 6, "steps_per_interval": 1, "shooting": "single"}),
+    "over the basis": build_solver("nlp", {"intervals": 12, "steps_per_interval": 2, "control": "basis"}),
     "jacobian": build_solver("jacobian", {"step_rule": "auto", "objective": "path_length"}),
 }
 AT_REST = {"position": [0, 0, 25], "orientation": yaw(-np.pi / 6)}

@@ -157,7 +157,11 @@ def analyze(
     states, notes = _ends(problem)
     control, excuse = _guess(problem)
     notes += [excuse] if excuse else []
-    followed = replay(numeric_system(system), control, problem.start_point) if control else None
+    followed = (
+        replay(numeric_system(system), control, problem.start_point, problem.scales.points)
+        if control
+        else None
+    )
     fields = Fields(system, Scales(scale, control.horizon if control else starting_horizon(problem)))
     ends = np.array([point for point, _ in states.values()])
     grown, times = _grown(fields, ends, followed, tolerance, degree)
@@ -235,7 +239,7 @@ def _path(
     numeric, states, generic = numeric_system(problem.system), path(times), grown.generic
     crossings: Sequence[Crossing] = ()
     if len(times) > 1:
-        crossings = find_crossings(numeric, path, np.linspace(0.0, path.reached, FINE))
+        crossings = find_crossings(numeric, path, np.linspace(0.0, path.reached, FINE), problem.scale)
     return PathAnalysis(
         times,
         states,

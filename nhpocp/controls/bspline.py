@@ -64,7 +64,25 @@ class BSpline(ControlBasis):
 
     def table(self, times: Array, horizon: float, side: Side = "right") -> Array:
         steps = self._steps.table(times, horizon, side)
-        return np.stack(self._functions(np.asarray(times, dtype=float) / horizon, list(steps.T)), axis=-1)
+        place, share = steps.argmax(axis=1), np.asarray(times, dtype=float) / horizon
+        table = np.zeros((len(share), self.size))
+        # the degree + 1 functions that are not 0 on an interval begin with the one of its number
+        table[np.arange(len(share))[:, None], place[:, None] + np.arange(self.degree + 1)] = self._local(
+            share, place
+        )
+        return table
+
+    def _local(self, share: Array, place: Array) -> Array:
+        """The functions that are not 0 on the intervals ``place`` (k,), at shares of the horizon, (k, degree + 1)."""
+        knots, found = self.knots(1.0), np.ones((len(share), 1))
+        for degree in range(1, self.degree + 1):  # the recurrence of Cox and de Boor, on one interval
+            ends = place[:, None] + self.degree + np.arange(1, degree + 1)
+            low, high = knots[ends - degree], knots[ends]
+            part = found / (high - low)
+            found = np.zeros((len(share), degree + 1))
+            found[:, :-1] += (high - share[:, None]) * part
+            found[:, 1:] += (share[:, None] - low) * part
+        return found
 
     def derivative_table(self, times: Array, horizon: float, side: Side = "right") -> Array:
         if self.degree == 0:

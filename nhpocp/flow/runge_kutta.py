@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -19,10 +19,12 @@ import numpy as np
 from nhpocp.arrays import Array
 from nhpocp.calls import accumulated, call, lent, side_by_side
 from nhpocp.flow.dynamics import Dynamics
+from nhpocp.kept import kept
 
 # a_i, which of the three controls, w_i
 TABLEAU = ((0.0, 0, 1.0), (0.5, 1, 2.0), (0.5, 1, 2.0), (1.0, 2, 1.0))
 PLACES = np.array([place for _, place, _ in TABLEAU])
+APART = 1 / 64  # between the controls that a kernel is tried on
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,10 +57,10 @@ class Sweep(NamedTuple):
     def h(self) -> Array:
         return self.grid.h
 
-    def first(self, steps: int) -> Sweep:
-        """A shorter one, with one stop at its end."""
+    def trial(self, steps: int) -> Sweep:
+        """A shorter one with one stop at its end, under a control near the given one, which may be nothing."""
         grid = self.grid.first(steps)
-        return self._replace(grid=grid, stops=(len(grid.h),))
+        return self._replace(grid=grid, stops=(len(grid.h),), coefficients=_apart(self.coefficients, APART))
 
     def controls(self) -> Array:
         """u at the start, middle and end of each step, (steps, 3, m)."""
@@ -88,9 +90,14 @@ class Bundle(NamedTuple):
 
     def trial(self, number: int, steps: int) -> Bundle:
         """So many shorter ones, no two alike, differentiated."""
-        apart = np.arange(number)[:, None, None] / 64.0  # added too, for none may be all that is given
-        coefficients = (1.0 + apart) * self.coefficients.take(np.arange(number), axis=0, mode="wrap") + apart
-        return Bundle(self.start, self.grid.first(steps), coefficients, True)
+        taken = self.coefficients.take(np.arange(number), axis=0, mode="wrap")
+        apart = APART * np.arange(number)[:, None, None]
+        return Bundle(self.start, self.grid.first(steps), _apart(taken, apart), True)
+
+
+def _apart(coefficients: Array, share: Any) -> Array:
+    """Other controls, by that share of what is given and as much besides: nothing may be all that is given."""
+    return np.asarray((1.0 + share) * coefficients + share)
 
 
 class Ends(NamedTuple):
@@ -239,7 +246,7 @@ class Linearised:
         return along
 
 
-@lru_cache(maxsize=64)
+@kept(most=64)
 def runge_kutta_step(rate: ca.Function) -> ca.Function:
     """(y, h, [u(t), u(t + h/2), u(t + h)]) ↦ y(t + h), the last argument m × 3."""
     y, h = ca.SX.sym("y", rate.size1_in(0)), ca.SX.sym("h")
@@ -254,7 +261,7 @@ def walked(rate: ca.Function, sweep: Sweep) -> Array:
     return np.vstack([sweep.start, *call(step, sweep.start, sweep.h, sweep.controls())])
 
 
-@lru_cache(maxsize=64)
+@kept(most=16)
 def scheme(dynamics: Dynamics) -> Scheme:
     """The `Scheme` of a right-hand side, made once."""
     return Scheme(dynamics)

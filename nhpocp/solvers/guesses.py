@@ -17,13 +17,15 @@ from nhpocp.flow.dynamics import Dynamics
 from nhpocp.flow.end_point_map import DifferentiatedEndPointMap
 from nhpocp.flow.integrators import RungeKutta4
 from nhpocp.problem import Horizon, PlanningProblem
-from nhpocp.solution import Outcome, Solver
-from nhpocp.solvers.initial_control import NoStartError, seeded_coefficients
+from nhpocp.solution import Outcome, Solution, Solver
+from nhpocp.solvers.initial_control import seeded_start
 from nhpocp.solvers.transcription import Guess
 from nhpocp.state_space import StateSpace
 from nhpocp.systems.numeric import numeric_system
 
 STEPS_PER_INTERVAL = 4
+FINE_STEPS = 16
+DRAWS = 40  # of a seeded control; an NLP needs no full rank, and begins with what is best conditioned
 
 
 class NoGuessError(InvalidProblemError):
@@ -55,12 +57,19 @@ def make_guess(
 
     Errors: `NoGuessError` where there is none, or its simulation is not finite.
     """
-    horizon = starting_horizon(problem)
-    control = maker.control(problem, horizon, seed)
+    horizon, origin = starting_horizon(problem), None
+    if isinstance(maker, SolverGuess):
+        origin = maker.solution(problem, horizon)
+        control = origin.control
+    else:
+        control = maker.control(problem, horizon, seed)
     wanted = basis or PiecewiseConstant(intervals)
+    own = control
     if control.basis != wanted:
         control = project(control, wanted)
-    states = follow(problem, control, intervals, STEPS_PER_INTERVAL)
+    # another solver's plan may be too quick for the intervals: its own path, though torn from the control, leads there
+    followed, steps = (own, FINE_STEPS) if origin else (control, STEPS_PER_INTERVAL)
+    states = follow(problem, followed, intervals, steps)
     if not np.isfinite(states).all():
         raise NoGuessError(
             f"the path under the {maker.kind} guess is not finite; try another control.initial, or "
@@ -68,7 +77,7 @@ def make_guess(
             Outcome.NOT_FINITE,
             "control.initial" if maker.kind == "problem" else "solvers.nlp.initial",
         )
-    return Guess(states, control)
+    return Guess(states, control, origin)
 
 
 def starting_horizon(problem: PlanningProblem) -> float:
@@ -127,7 +136,7 @@ def held(problem: PlanningProblem, horizon: float) -> PlanningProblem:
 
 @dataclass(frozen=True)
 class ProblemGuess:
-    """The problem's own initial control; for the second and later starts a seeded one."""
+    """The problem's own initial control; for the second and later starts a seeded one, of full rank if one is found."""
 
     kind: ClassVar[str] = "problem"
 
@@ -142,30 +151,37 @@ class ProblemGuess:
             RungeKutta4(),
             [task.share for task in problem.tasks[:-1]],
         )
-        try:
-            coefficients = seeded_coefficients(held(problem, horizon), end_point_map, seed)
-        except NoStartError as error:
-            raise NoGuessError(error.message, Outcome.RANK_DEFICIENT, "control.initial") from error
-        return Control(problem.basis, coefficients, horizon)
+        start = seeded_start(held(problem, horizon), end_point_map, seed, DRAWS)
+        if start is None:
+            raise NoGuessError(
+                f"no path of {DRAWS} seeded controls is finite and stays on one side of every singular surface; write "
+                "a control.initial, or use solvers.nlp.initial: straight",
+                Outcome.NOT_FINITE,
+                "control.initial",
+            )
+        return Control(problem.basis, start.coefficients, horizon)
 
 
 @dataclass(frozen=True)
 class SolverGuess:
-    """The control that another solver finds; without one the NLP ends as that solver did."""
+    """The control at which another solver ends, which is told of no bounds: a guess need not be feasible."""
 
     solver: Solver
     kind: ClassVar[str] = "jacobian"
 
     def control(self, problem: PlanningProblem, horizon: float, seed: int) -> Control:
-        solution = self.solver.solve(held(problem, horizon))
-        if solution.outcome is not Outcome.CONVERGED:
+        return self.solution(problem, horizon).control
+
+    def solution(self, problem: PlanningProblem, horizon: float) -> Solution:
+        """Whatever it ends as: near the goal is a guess too. Errors: `NoGuessError` where it was stopped."""
+        solution = self.solver.solve(replace(held(problem, horizon), bounds=()))
+        if solution.outcome is Outcome.INTERRUPTED:
             raise NoGuessError(
-                f"the {self.solver.name} solver, whose solution was to be the guess, ended as "
-                f"{solution.outcome.value}: {solution.message}",
+                f"the {self.solver.name} solver, whose solution was to be the guess, was stopped",
                 solution.outcome,
                 "solvers.nlp.initial",
             )
-        return solution.control
+        return solution
 
 
 @dataclass(frozen=True)

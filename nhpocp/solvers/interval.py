@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from functools import lru_cache
+from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
@@ -15,14 +14,16 @@ from nhpocp.calls import call, mapped
 from nhpocp.constraints import Bound, bound_rows
 from nhpocp.controls.basis import ControlBasis
 from nhpocp.flow.shot import Shot, part
+from nhpocp.kept import kept
 from nhpocp.objectives import SOFTENINGS, searched
 from nhpocp.problem import PlanningProblem
-from nhpocp.scales import Scales
 from nhpocp.solvers.meeting import Meeting, basis_table, stage_times
 from nhpocp.state_space import StateSpace
 from nhpocp.systems.numeric import numeric_system
+from nhpocp.systems.system import System
 from nhpocp.task import Task
 
+MOST = 4  # intervals that are kept for one system
 # what counts as 1, and the length that softens `path_length`; one for every bound follows
 UNITS = ("length", "number", "time", "cost", "soft")
 STEADY = 1e-4  # of a path's length: what keeps a horizon in which that is the same near its first value
@@ -228,35 +229,12 @@ def _each(scales: ca.SX, size: int) -> ca.SX:
     return ca.vec(ca.repmat(scales.T, size, 1))
 
 
-@dataclass(frozen=True)
-class _Asked:
-    """What an interval depends on, and the parts that it is made from."""
-
-    key: tuple[Any, ...]
-    arguments: tuple[Any, ...] = field(compare=False)
-
-
 def units_of(problem: PlanningProblem, bounds: Sequence[Bound], softening: float = SOFTENINGS[-1]) -> Array:
-    """What counts as 1 in a problem, in the order of `UNITS`, then in each of its bounds."""
+    """What counts as 1 in a problem, in the order of `UNITS`, then in each of its bounds; minors have no unit."""
     scales = problem.scales
     soft = softening * scales.objective("path_length")
     own = [scales.length, scales.number, scales.time, scales.objective(problem.objective), soft]
-    return np.array([*own, *(_unit_of(bound, problem, scales) for bound in bounds)])
-
-
-def _unit_of(bound: Bound, problem: PlanningProblem, scales: Scales) -> float:
-    """That of the quantity's unit where it is known, else the larger limit."""
-    system = problem.system
-    for block in (*system.state_space.blocks, *system.pose_outputs):
-        if block.name == bound.quantity:
-            return scales.of(block.unit)
-    for block in system.input_space.blocks:
-        if block.name == bound.quantity:
-            return scales.of(block.unit) / scales.time
-    if bound.quantity.startswith("sigma_"):
-        return 1.0  # ratios of lengths, and stated as minors
-    limits = np.abs(np.concatenate([np.ravel(bound.lower), np.ravel(bound.upper)]).astype(float))
-    return float(np.max(limits[np.isfinite(limits)], initial=0.0)) or 1.0
+    return np.array([*own, *(1.0 if b.quantity.startswith("sigma_") else b.scale for b in bounds)])
 
 
 def interval_of(
@@ -267,10 +245,15 @@ def interval_of(
         (bound.label, bound.quantity, *(repr(np.asarray(x).tolist()) for x in (bound.lower, bound.upper)))
         for bound in bounds
     )
-    key = (problem.system, problem.objective, problem.scale, problem.horizon, basis, steps, sides)
-    return _made(_Asked(key, (problem, basis, steps, list(bounds))))
+    key = (problem.objective, problem.scale, problem.horizon, basis, steps, sides)
+    made = _made(problem.system)
+    if key not in made:
+        while len(made) >= MOST:
+            made.pop(next(iter(made)))
+        made[key] = Interval(problem, basis, steps, list(bounds))
+    return made[key]
 
 
-@lru_cache(maxsize=8)  # each holds some megabytes of expressions
-def _made(asked: _Asked) -> Interval:
-    return Interval(*asked.arguments)
+@kept(most=2)  # of two systems: each interval may hold 50 MB of expressions
+def _made(system: System) -> dict[Any, Interval]:
+    return {}

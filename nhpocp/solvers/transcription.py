@@ -29,6 +29,7 @@ from nhpocp.flow.kernels import Kernels
 from nhpocp.flow.shot import Shots
 from nhpocp.objectives import SOFTENINGS
 from nhpocp.problem import PlanningProblem
+from nhpocp.solution import Solution
 from nhpocp.solvers.interval import UNITS, interval_of, units_of
 from nhpocp.solvers.meeting import Meeting, basis_table, place
 
@@ -39,6 +40,7 @@ class Guess:
 
     states: Array
     control: Control
+    origin: Solution | None = None  # whose control it is
 
 
 @dataclass(frozen=True)

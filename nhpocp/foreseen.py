@@ -1,0 +1,139 @@
+"""What can be said of a problem before it is solved: bounds that exclude each other, costs that have no least."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from nhpocp.arrays import Array
+from nhpocp.constraints import Bound
+from nhpocp.problem import PlanningProblem
+from nhpocp.systems.numeric import numeric_system
+
+FORGIVEN = 2e-3  # of its size: by how much each bound is widened first, twice what verification forgives
+AFFINE = 1e-9  # relative
+
+
+@dataclass(frozen=True)
+class _Sides:
+    """lower ≤ A u + b ≤ upper: what one bound asks of the control at one pose."""
+
+    bound: Bound
+    A: Array  # numbers × inputs
+    b: Array
+    lower: Array
+    upper: Array
+
+
+def contradiction(problem: PlanningProblem) -> str:
+    """Bounds that exclude each other, in words; empty where none are seen to.
+
+    On one quantity, or because no control at all keeps them at the start, or at a goal that is a pose.
+    """
+    for quantity in dict.fromkeys(bound.quantity for bound in problem.bounds):
+        bounds = [bound for bound in problem.bounds if bound.quantity == quantity]
+        lower = np.max(np.broadcast_arrays(*(np.asarray(b.lower, dtype=float) for b in bounds)), axis=0)
+        upper = np.min(np.broadcast_arrays(*(np.asarray(b.upper, dtype=float) for b in bounds)), axis=0)
+        lower, upper = np.broadcast_arrays(lower, upper)
+        if (lower > upper).any():
+            place = np.unravel_index(int(np.argmax(lower - upper)), lower.shape)
+            return (
+                f"{_names(bounds)} leave nothing: {quantity} is to be at least {lower[place]:g} and at most "
+                f"{upper[place]:g}"
+            )
+    ends = {"start": problem.start_point}
+    if problem.goal_is_a_pose:
+        ends["goal"] = problem.goal_point
+    for where, point in ends.items():
+        sides = _asked_of_the_control(problem, point)
+        if sides and not _meetable(sides):
+            return f"no control at the {where} keeps {_names([side.bound for side in _least(sides)])}"
+    return ""
+
+
+def endless(problem: PlanningProblem) -> str:
+    """Why no duration costs least, in words; empty where one may.
+
+    A driftless motion may be run slower, for less effort, as long as no bound asks for a pace.
+    """
+    horizon, costs = problem.horizon, ("effort", "leg_effort")
+    free = horizon.free and horizon.maximum is None and problem.system.driftless
+    if not free or problem.objective not in costs:
+        return ""
+    if all(task.error(problem.start_point) == 0 for task in problem.tasks):
+        return ""  # to stay costs nothing
+    still = np.zeros(problem.system.input_space.size)
+    for side in _asked_of_the_control(problem, problem.start_point):
+        value = side.A @ still + side.b
+        if (value < side.lower).any() or (value > side.upper).any():
+            return ""
+    least = f"min: {horizon.minimum:g}, " if horizon.minimum is not None else ""
+    return (
+        f"no horizon costs least: the longer it takes, the less {problem.objective}, down to 0. Give it a max, as in "
+        f"`horizon: {{{least}max: {10 * problem.scales.time:g}}}`"
+    )
+
+
+def _asked_of_the_control(problem: PlanningProblem, point: Array) -> list[_Sides]:
+    """What the bounds ask of the control at a pose, as far as their quantities are affine in it."""
+    if not problem.bounds or not problem.system.input_space.size:
+        return []
+    inputs = problem.scales.inputs
+    mixed = np.linspace(1.0, 2.0, len(inputs)) * inputs
+    controls = np.vstack([np.zeros(len(inputs)), np.diag(inputs), mixed])
+    values = numeric_system(problem.system).trajectory(
+        np.tile(point, (len(controls), 1)), controls, problem.scale
+    )
+    found = []
+    for bound in problem.bounds:
+        numbers = np.asarray(values[bound.quantity]).reshape(len(controls), -1)
+        if not np.isfinite(numbers).all():
+            continue
+        b, A = numbers[0], ((numbers[1:-1] - numbers[0]) / inputs[:, None]).T
+        affine = np.abs(A @ mixed + b - numbers[-1]).max() <= AFFINE * np.abs(numbers).max()
+        if not affine or not A.any():
+            continue
+        shape = np.shape(values[bound.quantity])[1:]
+        (below, above), sides = bound.sizes, (bound.lower, bound.upper)
+        lower, upper = (
+            np.broadcast_to(np.asarray(side, dtype=float) + sign * FORGIVEN * size, shape).ravel()
+            for side, sign, size in zip(sides, (-1, 1), (below, above), strict=True)
+        )
+        found.append(_Sides(bound, A, b, lower, upper))
+    return found
+
+
+def _meetable(sides: Sequence[_Sides]) -> bool:
+    """Whether one control meets them all."""
+    from scipy.optimize import linprog  # a third of a second, which `check` can do without
+
+    rows, limits = [], []
+    for side in sides:
+        rows += [side.A, -side.A]
+        limits += [side.upper - side.b, side.b - side.lower]
+    A, b = np.vstack(rows), np.concatenate(limits)
+    kept = np.isfinite(b)
+    sizes = np.linalg.norm(A[kept], axis=1)
+    sizes[sizes == 0] = 1.0
+    columns = np.abs(A[kept] / sizes[:, None]).max(axis=0, initial=0.0)
+    columns[columns == 0] = 1.0
+    found = linprog(
+        np.zeros(A.shape[1]), A[kept] / sizes[:, None] / columns, b[kept] / sizes, bounds=(None, None)
+    )
+    return bool(found.status != 2)  # 2: infeasible
+
+
+def _least(sides: Sequence[_Sides]) -> list[_Sides]:
+    """Those without any of which the rest could be met."""
+    kept = list(sides)
+    for side in sides:
+        rest = [other for other in kept if other is not side]
+        if rest and not _meetable(rest):
+            kept = rest
+    return kept
+
+
+def _names(bounds: Sequence[Bound]) -> str:
+    return " and ".join(dict.fromkeys(bound.label for bound in bounds))

@@ -1,0 +1,105 @@
+"""Bounds that exclude each other and costs without a least, said before any solver starts."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from conftest import Integrators, paper_problem
+
+import nhpocp
+from nhpocp.constraints import Bound
+from nhpocp.flow.kernels import Interpreted
+from nhpocp.foreseen import contradiction, endless
+from nhpocp.problem import Horizon, PlanningProblem
+from nhpocp.problem_file.building import build_solver
+from nhpocp.solution import Outcome
+from nhpocp.solvers.guesses import Guess, ProblemGuess, make_guess
+from nhpocp.solvers.single_shooting import SingleShooting
+from nhpocp.solvers.transcription import Transcription
+
+NLP = build_solver("nlp", {"intervals": 6})
+SOLVERS = [NLP, build_solver("jacobian", {"step_rule": "auto"})]
+
+
+def plane(**changes) -> PlanningProblem:
+    values = {"start": {"x": 0, "y": 0}, "goal": {"x": 1, "y": 2}, "pictures": False}
+    return PlanningProblem(system=Integrators(), **{**values, **changes})
+
+
+EXCLUSIVE = {  # problem, words
+    "one quantity": (
+        plane(bounds=[Bound("low", "x", upper=1.5), Bound("high", "x", lower=2.0)]),
+        "low and high leave nothing: x is to be at least 2",
+    ),
+    "start, the goal free": (
+        plane(goal={"y": 2}, bounds=[Bound("state.x", "x", 0.5, 2.0)]),
+        "the start itself breaks state.x",
+    ),
+    "control and leg speed": (
+        paper_problem(bounds=[Bound("control", "v", 5.0, 10.0), Bound("leg_speed", "u", -1e-3, 1e-3)]),
+        "no control at the start keeps control and leg_speed",
+    ),
+}
+
+
+@pytest.mark.parametrize("solver", SOLVERS, ids=lambda solver: solver.name)
+@pytest.mark.parametrize("name", EXCLUSIVE)
+def test_bounds_that_exclude_each_other_are_named_before_the_solve(name, solver):
+    problem, words = EXCLUSIVE[name]
+    solution = nhpocp.solve(problem, solver)
+    assert (solution.outcome, solution.evaluations) == (Outcome.INFEASIBLE, 0)
+    assert words in solution.message
+
+
+def test_bounds_that_fit_are_not_refused():
+    for bounds in (
+        [Bound("control", "v", -10.0, 10.0), Bound("leg_speed", "u", -1e-3, 1e-3)],
+        [Bound("control", "v", 5.0, 10.0)],
+        [Bound("leg_length", "leg_lengths", 20.0, 60.0), Bound("clearance", "sigma_s", lower=1e-3)],
+    ):
+        assert contradiction(paper_problem(bounds=bounds)) == ""
+
+
+@pytest.mark.parametrize("objective", ["effort", "leg_effort"])
+@pytest.mark.parametrize("horizon", [Horizon(1.0, 0.5, None), Horizon(None, 0.5, None)])
+def test_an_effort_that_vanishes_with_time_asks_for_a_longest_horizon(objective, horizon):
+    solution = nhpocp.solve(paper_problem(objective=objective, horizon=horizon), NLP)
+    assert (solution.outcome, solution.evaluations) == (Outcome.DIVERGED, 0)
+    assert "Give it a max" in solution.message
+    assert "min: 0.5, max: " in solution.message
+
+
+def test_what_has_a_least_cost_is_no_endless_wait():
+    free = Horizon(1.0, 0.5, None)
+    assert endless(plane(horizon=free))
+    assert not endless(plane(horizon=Horizon(1.0, 0.5, 2.0)))
+    assert not endless(plane(horizon=free, objective="time"))
+    assert not endless(plane(horizon=free, goal={"x": 0}))  # to stay costs nothing
+    assert not endless(plane(horizon=free, bounds=[Bound("control", "u", 1.0, 2.0)]))  # it may not be slow
+
+
+@pytest.mark.parametrize("kind", [Transcription, SingleShooting])
+@pytest.mark.parametrize("found", [-9e-10, 4.6e-12, 3.0 + 1e-8])
+def test_a_horizon_keeps_its_bounds_exactly_and_the_path_its_end(kind, found):
+    """Optimizers keep bounds up to their tolerance."""
+    problem = plane(horizon=Horizon(1.0, 1e-9, 3.0), initial=np.ones((2, 5)))
+    guess = make_guess(ProblemGuess(), problem, None, 4, 0)
+    programme = kind(problem, guess, None, 4, 1, [], Interpreted())
+    x = programme.pack(guess)
+    if kind is Transcription:
+        x[programme.interval.nodes - 1 :: programme.stage] = found
+    else:
+        x[programme.statics - 1] = found
+    kept: Guess = programme.unpack(x)
+    assert 1e-9 <= kept.control.horizon <= 3.0
+    middle = kept.control(0.5 * kept.control.horizon)[0]
+    np.testing.assert_allclose(middle * kept.control.horizon, guess.control(0.5)[0] * found, rtol=1e-9)
+
+
+@pytest.mark.parametrize("solver", ["ipopt", "fatrop"])
+def test_a_free_horizon_ends_within_its_bounds(solver):
+    for objective in ("time", "effort"):
+        problem = plane(horizon=Horizon(1.0, 1e-9, 3.0), goal={"x": 0, "y": 0}, objective=objective)
+        solution = nhpocp.solve(problem, build_solver("nlp", {"intervals": 4, "plugin": solver}))
+        assert solution.converged, solution.message
+        assert 1e-9 <= solution.control.horizon <= 3.0

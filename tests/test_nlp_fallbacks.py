@@ -1,0 +1,105 @@
+"""An NLP that gets stuck goes on from other guesses, says so, and never calls a problem infeasible on IPOPT's word."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from conftest import paper_problem, yaw
+
+from nhpocp import planning
+from nhpocp.constraints import Bound
+from nhpocp.flow.kernels import Interpreted
+from nhpocp.solution import Outcome
+from nhpocp.solvers.continuation import Continuation
+from nhpocp.solvers.guesses import SolverGuess
+from nhpocp.solvers.multiple_shooting import MultipleShooting
+from nhpocp.solvers.optimizers import ENDINGS, Ipopt
+from nhpocp.solvers.step_rules import Adaptive
+
+FAR = {"position": [0, 0, 27], "orientation": yaw(np.radians(190))}
+START = {"position": [0, 0, 25], "orientation": yaw(np.radians(-100))}
+
+
+def nlp(**settings):
+    return MultipleShooting(**{"intervals": 10, "kernels": Interpreted(), **settings})
+
+
+def test_a_far_goal_that_the_nlp_loses_is_reached_by_another_guess():
+    solution = planning.solve(paper_problem(start=START, goal=FAR), nlp(optimizer=Ipopt(max_iterations=250)))
+    assert solution.converged, solution.message
+    attempts = solution.details["attempts"]
+    assert attempts[0]["guess"] == "problem"
+    assert len(attempts) > 1
+    assert solution.evaluations == sum(attempt["evaluations"] for attempt in attempts)
+    assert solution.timing["solve_s"] == pytest.approx(sum(attempt["solve_s"] for attempt in attempts))
+    assert any("guess" in warning for warning in solution.warnings)
+
+
+@pytest.mark.parametrize("limit", [1e-3, 1.0])
+def test_legs_that_are_too_slow_are_named_and_nothing_is_called_infeasible(limit):
+    """Continuity and goal are no constraints that anybody could loosen."""
+    problem = paper_problem(bounds=[Bound("leg_speed", "u", -limit, limit)])
+    solution = planning.solve(problem, nlp(intervals=6, steps_per_interval=1))
+    assert solution.outcome in (Outcome.STAGNATED, Outcome.ITERATION_LIMIT)
+    assert "or loosen leg_speed." in solution.message
+    assert "loosen continuity" not in solution.message
+    assert "Guesses that were tried: problem: " in solution.message
+    assert {attempt["guess"] for attempt in solution.details["attempts"]} == {
+        "problem",
+        "straight",
+        "jacobian",
+    }
+
+
+def test_the_budget_is_kept_over_all_guesses():
+    problem = paper_problem(bounds=[Bound("leg_speed", "u", -1.0, 1.0)])
+    solution = planning.solve(
+        problem, nlp(intervals=6, steps_per_interval=1, optimizer=Ipopt(max_iterations=20))
+    )
+    assert solution.outcome is Outcome.ITERATION_LIMIT
+    assert len(solution.iterations) <= 22
+    assert "max_iterations was reached" in solution.message
+    assert solution.settings["max_iterations"] == 20
+
+
+def test_a_guess_need_not_keep_the_bounds_nor_reach_the_goal():
+    free = nlp(steps_per_interval=1).solve(paper_problem())
+    limit = 0.95 * np.abs(free.trajectory["v"]).max()
+    problem = paper_problem(bounds=[Bound("control", "v", -limit, limit)])
+    for continuation in (Continuation(step_rule=Adaptive()), Continuation(max_iterations=1)):
+        solution = planning.solve(problem, nlp(guess=SolverGuess(continuation)))
+        assert solution.converged, solution.message
+        assert "attempts" not in solution.details
+        assert solution.evaluations > len(solution.iterations)
+    assert "the guess is where the jacobian solver ended as iteration_limit" in solution.warnings[0]
+
+
+def test_a_bound_that_touches_the_goal_is_no_obstacle():
+    """Its interior is empty at the goal; IPOPT crept along it, and ended far dearer or nowhere."""
+    problem = paper_problem()
+    free = nlp().solve(problem)
+    lengths = free.trajectory["leg_lengths"]
+    touching = [Bound("leg_length", "leg_lengths", lengths.min(0), lengths.max(0))]
+    solution = planning.solve(replace(problem, bounds=touching), nlp())
+    assert solution.converged
+    assert solution.details["objective_value"] == pytest.approx(free.details["objective_value"], rel=1e-4)
+    assert len(solution.iterations) < 2 * len(free.iterations)
+
+
+def test_no_word_of_the_optimizers_is_passed_on_as_infeasible():
+    words = [word for word, outcome in ENDINGS.items() if outcome is Outcome.INFEASIBLE]
+    assert {"Restoration_Failed", "Infeasible_Problem_Detected"} <= set(
+        words
+    )  # its claim, which is a local one
+
+
+def test_bounds_are_tightened_where_they_are_broken_only():
+    bound = Bound("state.position", "position", [-1.0, -1.0, 0.0], [1.0, 1.0, 40.0])
+    values = np.array([[1.2, 0.0, 10.0], [0.0, -1.1, 10.0]])
+    below, above = bound.passed(values, 1e-3)
+    np.testing.assert_allclose(below, [0, 0.1, 0])
+    np.testing.assert_allclose(above, [0.2, 0, 0])
+    moved = bound.tightened(below, above)
+    np.testing.assert_allclose(moved.lower, [-1, -0.9, 0])
+    np.testing.assert_allclose(moved.upper, [0.8, 1, 40])
+    assert bound.tightened(np.array([3.0, 0, 0]), above) is None
