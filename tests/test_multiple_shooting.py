@@ -9,7 +9,7 @@ import pytest
 import random_goals
 from conftest import Integrators, paper_problem, yaw
 
-from nhpocp import planning
+from nhpocp import planning, so3
 from nhpocp.constraints import Bound
 from nhpocp.controls.fourier import Fourier
 from nhpocp.controls.projection import project
@@ -21,6 +21,7 @@ from nhpocp.solvers.guesses import ProblemGuess, SolverGuess, StraightGuess
 from nhpocp.solvers.multiple_shooting import MultipleShooting, mesh_check
 from nhpocp.solvers.optimizers import Fatrop, Ipopt, failed
 from nhpocp.solvers.single_shooting import SingleShooting
+from nhpocp.systems.rolling_sphere import RollingSphere
 from nhpocp.systems.three_upu import ThreeUPU
 
 CONTINUATION = Continuation(step_rule=Euler(1.0))
@@ -373,7 +374,25 @@ def test_restoration_that_fails_beside_a_feasible_point_is_no_infeasibility():
         initial=[[1.0, 0, 0, 0, 0], [2.0, 0, 0, 0, 0]],
     )
     solution = MultipleShooting(intervals=4, optimizer=Stub(Outcome.INFEASIBLE)).solve(linear)
-    assert solution.outcome is Outcome.STAGNATED
+    assert solution.outcome is Outcome.CONVERGED
+    assert solution.message.startswith("Reached; optimality is not certified")
+    assert "Reached; optimality is not certified" in solution.warnings
+
+
+@pytest.mark.parametrize("optimizer", [Ipopt(), Fatrop()], ids=lambda optimizer: optimizer.kind)
+@pytest.mark.parametrize("intervals", [5, 10])
+def test_an_abnormal_extremal_is_a_plan(intervals, optimizer):
+    """A sphere rolled straight: no other path of this length leads there, and no multipliers exist."""
+    turned = {"position": [1.0, 0.0], "orientation": so3.exp(np.array([0.0, 1.0, 0.0]))}
+    rolled = PlanningProblem(
+        system=RollingSphere(),
+        start={"position": [0, 0], "orientation": np.eye(3)},
+        goal=turned,
+        initial=[[1.0, 0, 0, 0, 0], [0, 0, 0, 0, 0]],
+    )
+    solution = planning.solve(rolled, MultipleShooting(intervals=intervals, optimizer=optimizer))
+    assert solution.converged, solution.message
+    assert solution.costs["effort"] == pytest.approx(1.0, rel=1e-5)
 
 
 def test_ends_not_finite_naming_constraint_and_node():

@@ -135,6 +135,8 @@ class MultipleShooting:
             left = left - len(solution.iterations) if left is not None else None
             reached = reached or run.origin
         words = f"Guesses that were tried: {'; '.join(tried)}."
+        if stalled := _uncertified(ended):
+            return replace(stalled, message=f"{stalled.message} {words}")
         if reached and best.outcome is not Outcome.CONVERGED and (plan := _taken_over(best, reached)):
             return replace(plan, message=f"{plan.message} {words}")
         return replace(best, message=f"{best.message} {words}")
@@ -176,6 +178,30 @@ def _well(solution: Solution) -> bool:
     names = [f"det_{name}" for name in solution.problem.system.breaking()]
     one_side = all(np.all(v * v[0] > 0) for v in (solution.trajectory[name] for name in names))
     return bool(one_side and solution.details.get("resimulated_gap", 0.0) <= solution.tolerance)
+
+
+def _uncertified(ended: list[Solution]) -> Solution | None:
+    """The least of the points that meet every row and where the optimizer stalled: a plan, if no certified optimum.
+
+    At an abnormal extremal no multipliers exist, and none may ever end otherwise. What met the iteration limit says so.
+    """
+    plans = [
+        solution
+        for solution in ended
+        if solution.outcome is Outcome.STAGNATED
+        and solution.details.get("feasible")
+        and solution.final_error <= solution.tolerance
+    ]
+    if not plans:
+        return None
+    plan = min(plans, key=_objective)
+    words = "Reached; optimality is not certified"
+    return replace(
+        plan,
+        outcome=Outcome.CONVERGED,
+        message=f"{words}. {plan.message}",
+        warnings=[*plan.warnings, words],
+    )
 
 
 def _taken_over(failed: Solution, plan: Solution) -> Solution | None:

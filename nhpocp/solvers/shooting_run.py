@@ -277,6 +277,7 @@ class Run:
         costates = programme.costates(optimum.x, optimum.multipliers)
         self.details |= {
             "status": optimum.status,
+            "feasible": bool(_excess(programme, optimum.constraints).max(initial=0.0) <= SLIGHT),
             "objective_value": self._objective(programme, optimum, motion),
             "steps_per_interval": programme.steps,
             "optimality": optimality(programme, optimum.x, optimum.multipliers),
