@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from time import perf_counter
 
 import numpy as np
@@ -28,13 +29,27 @@ def solve(
     of the Solution.
     """
     solver = solver or default_solver(problem)
-    solution = refused(problem, solver) or solver.solve(problem, progress)
-    began = perf_counter()
-    if progress:
-        progress({"k": None, "error": None, "stage": "verifying"})
-    with Interruption():  # short, and an interrupted solution deserves its verdict
-        verdict = verify(solution)
-    return solution.judged(verdict, perf_counter() - began)
+    with Interruption() as interruption:
+        try:
+            solution = refused(problem, solver) or solver.solve(problem, progress)
+        except KeyboardInterrupt:
+            if interruption.insisted:
+                raise
+            solution = _unsolved(
+                problem, solver, Outcome.INTERRUPTED, "Stopped by hand before a control was found."
+            )
+        began = perf_counter()
+        if progress:
+            progress({"k": None, "error": None, "stage": "verifying"})
+        try:
+            return solution.judged(
+                verify(solution), perf_counter() - began
+            )  # interrupted ones deserve it too
+        except KeyboardInterrupt:
+            if interruption.insisted:
+                raise
+            message = f"Stopped by hand before it was verified; the solver's own word: {solution.message}"
+            return replace(solution, outcome=Outcome.INTERRUPTED, message=message)
 
 
 def default_solver(problem: PlanningProblem) -> Solver:
