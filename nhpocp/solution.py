@@ -50,7 +50,10 @@ _ADVICE = {
         "The error no longer falls; try another control.initial, more harmonics, or a smaller gamma."
     ),
     Outcome.DIVERGED: "The error grows without bound; try a smaller gamma or another control.initial.",
-    Outcome.RANK_DEFICIENT: "The control cannot move the end point in every direction; use `initial: auto`.",
+    Outcome.RANK_DEFICIENT: (
+        "To working precision the control cannot move the end point in every direction; try `initial: auto` or "
+        "another seed, more functions, or the nlp solver."
+    ),
     Outcome.SINGULAR_S: (
         "The path runs into det S = 0, where eq. (7) is undefined; try another control.initial, a "
         "smaller gamma or `form: original`."
@@ -75,15 +78,17 @@ _ADVICE = {
 
 @dataclass(frozen=True)
 class Crossing:
-    """A change of sign of a determinant along the path."""
+    """A zero of a determinant along the path."""
 
     which: str  # det_s or det_w
     time: float
     state: Mapping[str, Any]  # the pose there, plain data
-    returns: bool  # the sign comes back later, so start and goal agree
+    returns: bool  # the sign is the same at the start and at the end
+    touches: bool = False  # the zero is met from one side: the sign does not change there
 
     def to_json(self) -> dict[str, Any]:
-        return {"which": self.which, "t": self.time, "returns": self.returns, **self.state}
+        known = {"which": self.which, "t": self.time, "returns": self.returns, "touches": self.touches}
+        return {**known, **self.state}
 
 
 @dataclass(frozen=True)

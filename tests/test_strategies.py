@@ -1,20 +1,25 @@
 """`step_rule: auto`: what it tries, in order, and what it says of it."""
 
+from dataclasses import replace
+
 import goals
 import numpy as np
 import pytest
 from conftest import paper_problem, yaw
 
 from nhpocp import planning
+from nhpocp.controls.bspline import BSpline
 from nhpocp.controls.control import Control
 from nhpocp.controls.fourier import Fourier
+from nhpocp.controls.legendre import Legendre
+from nhpocp.controls.projection import project
 from nhpocp.controls.sequence import retimed
 from nhpocp.flow.dynamics import Dynamics
 from nhpocp.flow.integrators import RungeKutta4
 from nhpocp.solution import Outcome
 from nhpocp.solution_folder import load_solution, save_solution
-from nhpocp.solvers import strategies
-from nhpocp.solvers.claims import confirmed
+from nhpocp.solvers import claims, strategies
+from nhpocp.solvers.claims import confirmed, missed
 from nhpocp.solvers.continuation import Continuation
 from nhpocp.solvers.step_rules import Adaptive, Euler
 from nhpocp.solvers.strategies import Auto
@@ -101,6 +106,39 @@ def test_a_claim_that_finer_steps_refute_is_corrected(problem):
     rate = numeric_system(problem.system).rate_function
     flow = RungeKutta4(1000).flow(Dynamics(rate), problem.basis, 1.0)
     assert problem.goal_error(flow.end(problem.start_point, found.control.coefficients)) < 2e-6
+
+
+STEPS = (1, 2, 3, 5)  # of RK4 over the whole path: nearly every claim is refuted, some three times
+OVER = (Fourier(2), Fourier(5), Fourier(10), Legendre(5), BSpline(3, 6))
+
+
+@pytest.mark.parametrize("basis", OVER, ids=lambda basis: f"{basis.kind}-{basis.size}")
+@pytest.mark.parametrize("steps", STEPS)
+def test_the_last_word_on_a_claim_is_that_of_the_confirmation(basis, steps, monkeypatch):
+    """A single correction often is enough here, and its claim is held against a finer simulation as well."""
+    problem, said = paper_problem(), []
+    start = project(problem.control(problem.initial), basis)
+    problem = replace(problem, basis=basis, initial=start.coefficients)
+
+    def noted(problem, control, integrator):
+        said.append((control, missed(problem, control, integrator)))
+        return said[-1][1]
+
+    monkeypatch.setattr(claims, "CORRECTIONS", 1)
+    monkeypatch.setattr(claims, "missed", noted)
+    found = confirmed(Continuation(step_rule=Adaptive(), integrator=RungeKutta4(steps)), problem)
+    held = any(control is found.control and error <= 1e-3 for control, error in said)
+    refuted = any(control is found.control and error > 1e-3 for control, error in said)
+    assert (found.outcome is Outcome.CONVERGED) == held, found.message
+    assert (found.outcome is Outcome.NOT_VERIFIED) == refuted, found.message  # else it was no claim
+
+
+def test_a_claim_that_is_refuted_to_the_last_says_by_how_much(problem, monkeypatch):
+    monkeypatch.setattr(claims, "CORRECTIONS", 0)
+    coarse = Continuation(step_rule=Adaptive(), integrator=RungeKutta4(10), tolerance=1e-6)
+    found = confirmed(coarse, problem)
+    assert found.outcome is Outcome.NOT_VERIFIED
+    assert "a simulation with 40 steps misses by E = " in found.message
 
 
 def test_what_is_not_reached_is_said_with_everything_tried(monkeypatch):

@@ -23,21 +23,27 @@ CORRECTIONS = 3
 def confirmed(solver: Continuation, problem: PlanningProblem, progress: Progress | None = None) -> Found:
     """What a continuation finds; where a simulation with ``FINER`` times the steps refutes it, corrected with those.
 
-    Ends as `not_verified` if `CORRECTIONS` of them do not help.
+    Every claim is held against such a simulation, that of the last correction too; ends as `not_verified` only if that
+    is refuted as well, after `CORRECTIONS` of them.
     """
-    found = solver.find(problem, progress)
-    for _ in range(CORRECTIONS):
+    found, error = solver.find(problem, progress), np.inf
+    for correction in range(CORRECTIONS + 1):
         if found.outcome is not Outcome.CONVERGED:
             return found
-        if missed(problem, found.control, solver.integrator) <= solver.tolerance:
+        error = missed(problem, found.control, solver.integrator)
+        if error <= solver.tolerance:
             return found
+        if correction == CORRECTIONS:
+            break
         # what was found is near enough to the least cost; only the goal, and the bounds, are missed
         solver = replace(solver, integrator=finer(solver.integrator), objective="none")
         again = solver.find(begun_from(problem, found.control), progress)
         message = f"{found.message}; with finer steps {again.message}"
         details = {**found.details, **again.details}
         found = replace(again, message=message, details=details, records=[*found.records, *again.records])
-    return replace(found, outcome=Outcome.NOT_VERIFIED)
+    steps = getattr(finer(solver.integrator), "steps", 0)
+    message = f"{found.message}; a simulation with {steps} steps misses by E = {error:.3g}"
+    return replace(found, outcome=Outcome.NOT_VERIFIED, message=message)
 
 
 def begun_from(problem: PlanningProblem, control: Control) -> PlanningProblem:

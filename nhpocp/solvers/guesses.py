@@ -18,12 +18,13 @@ from nhpocp.flow.end_point_map import DifferentiatedEndPointMap
 from nhpocp.flow.integrators import RungeKutta4
 from nhpocp.problem import Horizon, PlanningProblem
 from nhpocp.solution import Outcome, Solver
-from nhpocp.solvers.initial_control import NoStartError, seeded_coefficients
+from nhpocp.solvers.initial_control import seeded_start
 from nhpocp.solvers.transcription import Guess
 from nhpocp.state_space import StateSpace
 from nhpocp.systems.numeric import numeric_system
 
 STEPS_PER_INTERVAL = 4
+DRAWS = 40  # of a seeded control; an NLP needs no full rank, and begins with what is best conditioned
 
 
 class NoGuessError(InvalidProblemError):
@@ -127,7 +128,7 @@ def held(problem: PlanningProblem, horizon: float) -> PlanningProblem:
 
 @dataclass(frozen=True)
 class ProblemGuess:
-    """The problem's own initial control; for the second and later starts a seeded one."""
+    """The problem's own initial control; for the second and later starts a seeded one, of full rank if one is found."""
 
     kind: ClassVar[str] = "problem"
 
@@ -142,11 +143,15 @@ class ProblemGuess:
             RungeKutta4(),
             [task.share for task in problem.tasks[:-1]],
         )
-        try:
-            coefficients = seeded_coefficients(held(problem, horizon), end_point_map, seed)
-        except NoStartError as error:
-            raise NoGuessError(error.message, Outcome.RANK_DEFICIENT, "control.initial") from error
-        return Control(problem.basis, coefficients, horizon)
+        start = seeded_start(held(problem, horizon), end_point_map, seed, DRAWS)
+        if start is None:
+            raise NoGuessError(
+                f"no path of {DRAWS} seeded controls is finite and stays on one side of every singular surface; write "
+                "a control.initial, or use solvers.nlp.initial: straight",
+                Outcome.NOT_FINITE,
+                "control.initial",
+            )
+        return Control(problem.basis, start.coefficients, horizon)
 
 
 @dataclass(frozen=True)
