@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, ClassVar, Self
 
@@ -24,6 +24,7 @@ from nhpocp.systems.system import System, check_names
 from nhpocp.task import Task
 
 ASSEMBLED = 1e-6  # share of the machine's length by which a start may miss what its joints hold
+NUDGE = 1e-6  # of their scales, by which states and inputs are changed to see what an output's size is
 SAME_TIME = 1e-6  # shares of the horizon that are nearer have no room for a motion between them
 
 
@@ -200,6 +201,32 @@ class PlanningProblem(Frozen):
                     f"no quantity {bound.quantity!r} to bound; there are {', '.join(known)}",
                     path=f"constraints.{bound.label}",
                 )
+        self.bounds = tuple(self._measured(bound) for bound in self.bounds)
+
+    def _measured(self, bound: Bound) -> Bound:
+        """With the scale of its quantity: by unit for states and inputs, else by what these change of it."""
+        system, name, scales = self.system, bound.quantity, self.scales
+        units = {block.name: block.unit for block in system.state_space.blocks}
+        if name in units:
+            return replace(bound, scale=scales.of(units[name]), coordinate=True)
+        inputs = {block.name: block.unit for block in system.input_space.blocks}
+        if name in inputs:
+            return replace(bound, scale=scales.of(inputs[name]) / scales.time)
+        return replace(bound, scale=1.0 if name.startswith("sigma_") else self._size_of_output(name))
+
+    def _size_of_output(self, name: str) -> float:
+        """How much an output changes, to first order about the start, when states and inputs do by their scales."""
+        scales, space = self.scales, self.system.state_space
+        still, changed = np.zeros(self.system.input_space.size), []
+        here = np.asarray(self.system.output(name, self.start_point, still), dtype=float)
+        for step in NUDGE * np.diag(scales.states):
+            moved = np.asarray(space.retract(self.start_point, step))
+            changed.append(self.system.output(name, moved, still) - here)
+        for step in NUDGE * np.diag(scales.inputs):
+            changed.append(self.system.output(name, self.start_point, step) - here)
+        size = np.abs(np.array(changed, dtype=float)).sum(axis=0).max(initial=0.0) / NUDGE
+        largest = float(np.abs(here).max(initial=0.0))
+        return next((float(s) for s in (size, largest) if np.isfinite(s) and s > 0), 1.0)
 
     def _quantities(self) -> list[str]:
         """What may be bounded. Errors: `InvalidProblemError` where two entries of a trajectory have one name."""
@@ -239,9 +266,13 @@ class PlanningProblem(Frozen):
         """What counts as 1: what solvers divide by, so that a plan depends on no unit."""
         poses = [self.start, *(via.goal for via in self.via), self.goal]
         durations = (self.horizon.initial, self.horizon.maximum, self.horizon.minimum)
-        return natural_scales(
-            self.system, poses, self.bounds, durations, self.error_length, self.length_scale
-        )
+        boxes = [(bound.quantity, bound.lower, bound.upper) for bound in self.bounds]
+        return natural_scales(self.system, poses, boxes, durations, self.error_length, self.length_scale)
+
+    @property
+    def goal_is_a_pose(self) -> bool:
+        """Whether the goal fixes the whole state; else many states may meet it."""
+        return set(self.goal) == set(self.system.state_space.names)
 
     def goal_error(self, point: Array) -> float:
         """E at a packed point, [Paper] section 4; NaN where it has none."""

@@ -129,7 +129,7 @@ class StateSpace(Frozen):
         return [label for block in self.blocks for label in block.labels]
 
     @property
-    def tangent_units(self) -> list[str]:
+    def tangent_units(self) -> list[Unit]:
         """The unit of each tangent number: length, angle, or none."""
         return [block.unit for block in self.blocks for _ in range(block.dimension)]
 

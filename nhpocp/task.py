@@ -15,7 +15,7 @@ from nhpocp.arrays import Array, namespace
 from nhpocp.calls import call, side_by_side
 from nhpocp.errors import OrientationAtPiError
 from nhpocp.kept import kept
-from nhpocp.state_space import Block, StateSpace
+from nhpocp.state_space import Block, StateSpace, Unit
 from nhpocp.systems.system import System
 
 HALF_TURN_WITHIN = 1e-7  # [rad]; closer to π the axis of the error is noise
@@ -60,7 +60,7 @@ class Task:
         return len(self.units)
 
     @cached_property
-    def units(self) -> list[str]:
+    def units(self) -> list[Unit]:
         """The unit of each number of e: length, angle, or none."""
         units = self.space.tangent_units
         return [units[i] for i in self.rows] + [o.unit for o in self.outputs for _ in range(o.dimension)]

@@ -26,7 +26,7 @@ CHAINS = [  # inside a floor: a group may import the groups to its right, never 
     ["controls", "controls.basis"],
     ["systems", "systems.system"],
     ["flow.end_point_map flow.simulation", "flow.variational", "flow.integrators flow.kernels"],
-    ["solution", "problem", "scales", "task constraints objectives"],
+    ["solution", "problem", "task constraints", "scales objectives"],
     ["solvers.lockstep", "solvers.strategies", "solvers.continuation", "solvers.generalized_inverses"],
     ["solvers.strategies", "solvers.multiple_shooting", "solvers.generalized_inverses"],
     ["comparison batch", "planning", "verification"],
