@@ -35,16 +35,15 @@ def solve(
         except KeyboardInterrupt:
             if interruption.insisted:
                 raise
-            solution = _unsolved(
-                problem, solver, Outcome.INTERRUPTED, "Stopped by hand before a control was found."
-            )
+            with Interruption(patient=True):  # short
+                words = "Stopped by hand before a control was found."
+                solution = _unsolved(problem, solver, Outcome.INTERRUPTED, words)
         began = perf_counter()
         if progress:
             progress({"k": None, "error": None, "stage": "verifying"})
         try:
-            return solution.judged(
-                verify(solution), perf_counter() - began
-            )  # interrupted ones deserve it too
+            verdict = verify(solution)  # an interrupted one deserves it too
+            return solution.judged(verdict, perf_counter() - began)
         except KeyboardInterrupt:
             if interruption.insisted:
                 raise
