@@ -18,7 +18,8 @@ from nhpocp.errors import InvalidProblemError, UnreadableSolutionError
 from nhpocp.problem import PlanningProblem
 from nhpocp.problem_file import variant
 from nhpocp.solution import Solution
-from nhpocp.solution_folder import check_target, folder_name, is_solution_folder, load_solution
+from nhpocp.solution_folder import audit, check_target, folder_name, is_solution_folder
+from nhpocp.solution_folder.auditing import Audit
 from nhpocp.solution_folder.pictures import attempted
 from nhpocp.solution_folder.target import COMPARISON
 
@@ -157,12 +158,19 @@ def _write_whole(file: Path, write: Callable[[Path], Any]) -> bool:
 
 def load_comparison(places: Iterable[Path]) -> Comparison:
     """The comparison of stored solutions: solution folders, or folders that hold some, such as one that
-    `write_comparison` wrote.
+    `write_comparison` wrote. Each is verified again, and what it states that is not so becomes a note.
 
     Errors: `UnreadableSolutionError` for a place without solutions, or a damaged one.
     """
     folders = list(dict.fromkeys(folder for place in places for folder in solution_folders(place)))
-    return Comparison.of([_load(folder) for folder in folders], [str(folder) for folder in folders])
+    audits = [audit(folder) for folder in folders]
+    notes = [
+        f"{folder} states what is not so: {difference}"
+        for folder, found in zip(folders, audits, strict=True)
+        for difference in found.differences
+    ]
+    solutions = [_placed(found, folder) for found, folder in zip(audits, folders, strict=True)]
+    return Comparison.of(solutions, [str(folder) for folder in folders], notes)
 
 
 def solution_folders(place: Path) -> list[Path]:
@@ -184,9 +192,13 @@ def solution_folders(place: Path) -> list[Path]:
     return sorted(found, key=lambda folder: order.get(folder.parts[-2:], len(order)))
 
 
-def _load(folder: Path) -> Solution:
-    """A stored solution; one that `compare` did not make says itself on which machine it was made."""
-    solution = load_solution(folder)
+def _placed(found: Audit, folder: Path) -> Solution:
+    """What an audit found; a solution that `compare` did not make is told on which machine it was made."""
+    solution = found.solution
+    if (
+        found.stated.verdict is None
+    ):  # a place-holder of a run that could not begin is none that reaches anything
+        solution = replace(solution, verdict=None)
     note = solution.details.get("comparison")
     if note is None:
         stored = json.loads((folder / "solution.json").read_text(encoding="utf-8"))

@@ -128,6 +128,8 @@ def _report_table(solution: Solution, folder: Path, task: str) -> None:
         known = [f"{name} {value:.2g}" for name, value in legs.items() if value is not None]
         if known:
             table.add_row("from geometry", ", ".join(known))
+    if not solution.problem.goal_is_a_pose and solution.pose_reached:
+        table.add_row("pose reached", solution.pose_reached)
     table.add_row("effort", f"{solution.control.effort:.6g}")
     cost = solution.costs.get(solution.problem.objective)
     if cost is not None and solution.problem.objective != "effort":

@@ -101,22 +101,35 @@ def _pictures(solution: Solution, folder: Path) -> None:
 def verify(folder: Path, as_json: bool) -> int:
     """Check the solution in FOLDER, independently of solvers.
 
-    Its control is integrated again by other code, from the files of FOLDER alone.
+    Its control is integrated again by other code, from the files of FOLDER alone, and what they state is compared with
+    what that gives.
     """
-    from nhpocp.solution_folder import load_solution
-    from nhpocp.verification import verify as examine
+    from nhpocp.solution_folder import audit
 
-    solution = load_solution(folder)
-    verdict = examine(solution)
+    found = audit(folder)
+    verdict = found.verdict
     if as_json:
         from nhpocp.solution_folder import plain
 
-        put({"folder": str(folder), "outcome": solution.outcome.value, "verified": plain(verdict.to_json())})
+        put(
+            {
+                "folder": str(folder),
+                "outcome": found.stated.outcome.value,
+                "verified": plain(verdict.to_json()),
+                "differences": found.differences,
+                "unchecked": found.unchecked,
+            }
+        )
     else:
-        click.echo(f"{folder}: {'verified' if verdict.ok else 'refuted'}")
+        differs = " what is stated here differs" if found.differences else ""
+        click.echo(f"{folder}: {'verified' if verdict.ok else 'refuted'}{';' + differs if differs else ''}")
         for line in verdict_lines(verdict):
             click.echo(line)
-    return SOLVED if verdict.ok else NOT_SOLVED
+        for difference in found.differences:
+            click.echo(f"  differs: {difference}")
+        for sentence in found.unchecked:
+            click.echo(f"  not checked: {sentence}")
+    return SOLVED if found.ok else NOT_SOLVED
 
 
 @cli.command()
