@@ -37,9 +37,9 @@ def solve(
         except KeyboardInterrupt:
             if interruption.insisted:
                 raise
-            solution = _unsolved(
-                problem, solver, Outcome.INTERRUPTED, "Stopped by hand before a control was found."
-            )
+            with Interruption(patient=True):  # short
+                words = "Stopped by hand before a control was found."
+                solution = _unsolved(problem, solver, Outcome.INTERRUPTED, words)
         began = perf_counter()
         if progress:
             progress({"k": None, "error": None, "stage": "verifying"})

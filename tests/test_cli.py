@@ -19,7 +19,6 @@ from nhpocp.cli import verbs
 from nhpocp.cli.entry import status
 from nhpocp.solution import Outcome
 from nhpocp.solution_folder import load_solution
-from nhpocp.solvers import interruption
 from nhpocp.views import figures
 
 PROBLEMS = Path(__file__).parents[1] / "problems"
@@ -478,7 +477,6 @@ SOLVE = ["solve", str(PROBLEMS / "paper.yaml"), *FAST]
 )
 def test_ctrl_c_at_any_stage_leaves_a_folder(room, name, times, outcome, tmp_path, monkeypatch, capsys):
     """Drawing ends, with a warning: numbers alone are worth waiting for."""
-    monkeypatch.setattr(interruption, "PATIENCE", 60.0)
     pictures = ["--set", "output.pictures=true"] if room is figures else []
     monkeypatch.setattr(room, name, raising(getattr(room, name), times))
     assert status([*SOLVE, *pictures, "-o", str(tmp_path / "out")]) == (outcome != "converged")

@@ -83,7 +83,8 @@ def looking_at_nothing(seconds=20.0):
     pytest.fail("nobody came")
 
 
-def test_what_nobody_looks_at_is_raised_and_raised_again():
+def test_what_nobody_looks_at_is_raised_and_raised_again(monkeypatch):
+    monkeypatch.setattr(interruption, "PATIENCE", 0.1)
     with Interruption() as noting:
         press()
         for _ in range(2):

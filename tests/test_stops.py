@@ -23,7 +23,7 @@ from conftest import Integrators, paper_problem
 import nhpocp
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Outcome
-from nhpocp.solvers import workers
+from nhpocp.solvers import interruption, workers
 from nhpocp.solvers.continuation import Continuation
 from nhpocp.solvers.multi_start import MultiStart, processes
 from nhpocp.solvers.step_rules import Adaptive, Euler
@@ -140,6 +140,8 @@ def test_plans_that_nobody_asks_for_any_more_are_given_up():
 
 
 def test_a_stop_while_functions_are_built_is_an_interrupted_solution(monkeypatch):
+    monkeypatch.setattr(interruption, "PATIENCE", 0.1)
+
     class Building(Continuation):
         def solve(self, problem, progress=None):
             signal.raise_signal(signal.SIGINT)

@@ -194,6 +194,9 @@ class _Run:
 
             if multipliers is not None and len(multipliers) != len(programme.rows):
                 multipliers = None  # finer steps bring further rows of the same bounds
+            if self.progress and not self.solver.optimizer.heeds_stops:
+                words = f"{self.solver.optimizer.kind} is at work, and Ctrl-C waits until it has ended"
+                self.progress({"k": None, "error": None, "stage": words})
             began = perf_counter()
             try:
                 optimum = self.solver.optimizer.solve(programme, start, multipliers, watch)
