@@ -31,16 +31,28 @@ def solve(
     of the Solution.
     """
     solver = solver or default_solver(problem)
-    solution = _doubted(refused(problem, solver) or solver.solve(problem, progress))
-    began = perf_counter()
-    if progress:
-        progress({"k": None, "error": None, "stage": "verifying"})
-    with Interruption():  # short, and an interrupted solution deserves its verdict
-        verdict = verify(solution)
+    with Interruption() as interruption:
+        try:
+            solution = _doubted(refused(problem, solver) or _with_pose(solver.solve(problem, progress)))
+        except KeyboardInterrupt:
+            if interruption.insisted:
+                raise
+            solution = _unsolved(
+                problem, solver, Outcome.INTERRUPTED, "Stopped by hand before a control was found."
+            )
+        began = perf_counter()
+        if progress:
+            progress({"k": None, "error": None, "stage": "verifying"})
+        try:
+            verdict = verify(solution)  # interrupted ones deserve it too
+        except KeyboardInterrupt:
+            if interruption.insisted:
+                raise
+            message = f"Stopped by hand before it was verified; the solver's own word: {solution.message}"
+            return replace(solution, outcome=Outcome.INTERRUPTED, message=message)
     if solution.outcome is Outcome.CONVERGED and not verdict.ok:
-        let_go(
-            problem.system
-        )  # a class or a global that the equations read may have changed since it was made
+        # a class or a global that the equations read may have changed since what is kept was made
+        let_go(problem.system)
     return solution.judged(verdict, perf_counter() - began)
 
 
@@ -52,6 +64,14 @@ def _doubted(solution: Solution) -> Solution:
     if not words:
         return solution
     return replace(solution, warnings=[*solution.warnings, f"error_length: {words}"])
+
+
+def _with_pose(solution: Solution) -> Solution:
+    """A solution that says which of many poses it chose, where the goal names outputs or leaves something free."""
+    if solution.outcome is not Outcome.CONVERGED or solution.problem.goal_is_a_pose:
+        return solution
+    reached = solution.pose_reached
+    return replace(solution, message=f"{solution.message} It ends at {reached}.") if reached else solution
 
 
 def default_solver(problem: PlanningProblem) -> Solver:
@@ -69,7 +89,7 @@ def refused(problem: PlanningProblem, solver: Solver) -> Solution | None:
         return _unsolved(
             problem, solver, Outcome.NOT_REACHED, f"{missed}. There is no control to search for."
         )
-    if set(problem.goal) != set(problem.system.state_space.names):
+    if not problem.goal_is_a_pose:
         return None
     numeric = numeric_system(problem.system)
     ends = np.stack([problem.start_point, problem.goal_point])

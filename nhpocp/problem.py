@@ -269,6 +269,11 @@ class PlanningProblem(Frozen):
         boxes = [(bound.quantity, bound.lower, bound.upper) for bound in self.bounds]
         return natural_scales(self.system, poses, boxes, durations, self.error_length, self.length_scale)
 
+    @property
+    def goal_is_a_pose(self) -> bool:
+        """Whether the goal fixes the whole state; else many states may meet it."""
+        return set(self.goal) == set(self.system.state_space.names)
+
     def goal_error(self, point: Array) -> float:
         """E at a packed point, [Paper] section 4; NaN where it has none."""
         return self.tasks[-1].error(point)

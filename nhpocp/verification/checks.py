@@ -35,6 +35,9 @@ NEAR_SINGULAR = 1e-3  # σ_min under which the system's own rates have too few d
 DRIFT = 1e-5  # on RᵀR; a start may be off by 1e-6, and the exact flow keeps RᵀR as it is
 QUANTITY_TOLERANCE = 1e-4  # of a quantity's largest magnitude on the path; of one radian for angles
 NUDGE = 1e-9  # relative change of the state; what that does to a quantity is never held against it
+SAME_TIME = (
+    1e-6  # relative: a sequence's durations add up to rounding, and optimizers may relax a bound by 1e-8
+)
 PATH_TOLERANCE = 1e-5  # share of the mechanism's length by which a stored trajectory may be off
 
 
@@ -43,12 +46,13 @@ def verify(solution: Solution) -> Verdict:
 
     ``ok`` only where the replayed end (and every via pose) is within 1.01 × the solution's tolerance, rolling and
     leg_rate are ≤ 1e-6, no determinant that the equations divide by is zero on the way, the stored trajectory is the
-    replayed one, and every bound holds on a fine grid.
+    replayed one, the control lasts as long as the problem says, and every bound holds on a fine grid.
     """
     with np.errstate(
         all="ignore"
     ):  # a path that blows up has overflowing outputs; they are reported, not warned of
         check = _Check(solution)
+        check.horizon()
         error = check.end_error()
         rolling, leg_rate = check.legs()
         original = check.original()
@@ -116,6 +120,23 @@ class _Check:
             value = value / np.linalg.norm(value)
             return np.array([2 * np.arctan2(np.linalg.norm(value - wanted), np.linalg.norm(value + wanted))])
         return (value - np.ravel(wanted)) / (self.problem.error_length if output.unit == "length" else 1.0)
+
+    def horizon(self) -> None:
+        """Whether the control lasts as long as the problem says."""
+        wanted, duration = self.problem.horizon, self.control.horizon
+        if not wanted.free:
+            if wanted.initial is not None and not np.isclose(
+                duration, wanted.initial, rtol=SAME_TIME, atol=0
+            ):
+                self.reasons.append(
+                    f"the control lasts {duration:g}; the problem's horizon is {wanted.initial:g}"
+                )
+            return
+        low, high = wanted.minimum or 0.0, wanted.maximum or np.inf
+        if not low * (1 - SAME_TIME) <= duration <= high * (1 + SAME_TIME):
+            self.reasons.append(
+                f"the control lasts {duration:g}, outside the problem's horizon [{low:g}, {high:g}]"
+            )
 
     def end_error(self) -> float | None:
         """E at T and at the via poses, together."""

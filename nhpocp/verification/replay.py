@@ -86,6 +86,11 @@ class Path:
             return np.tile(self.start, (len(times), 1))
         return np.asarray(self._dense(times)).T
 
+    @property
+    def times(self) -> Array:
+        """Where the integrator's steps end, 0 first."""
+        return np.zeros(1) if self._dense is None else np.asarray(self._dense.ts)
+
     def at(self, time: float) -> Array:
         """The state (n,) at one time, without the cost of arrays of times."""
         return self.start if self._dense is None else np.asarray(self._dense(time))
