@@ -172,6 +172,15 @@ def test_every_edit_of_a_key_is_noticed(small, solver, tmp_path):
         assert noticed(edited(small[solver], tmp_path, key, another(data[key]), keep_checksum=True), key)
 
 
+@pytest.mark.parametrize("key", ["system", "converged", "length_scale"])
+def test_a_key_that_was_removed_is_noticed(small, key, tmp_path):
+    copy = edited(small["jacobian"], tmp_path, key, None)
+    data = json.loads((copy / "solution.json").read_text())
+    del data[key]
+    (copy / "solution.json").write_text(as_text(data))
+    assert f"{key} is missing in solution.json" in audit(copy).differences
+
+
 @pytest.mark.parametrize(
     ("path", "value", "said"),
     [
