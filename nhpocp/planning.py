@@ -10,7 +10,9 @@ import numpy as np
 from nhpocp.arrays import Array
 from nhpocp.constraints import check_bounds
 from nhpocp.flow.simulation import simulate
+from nhpocp.kept import let_go
 from nhpocp.problem import PlanningProblem
+from nhpocp.scales import coarse
 from nhpocp.solution import Outcome, Progress, Solution, Solver
 from nhpocp.solvers.interruption import Interruption
 from nhpocp.systems.numeric import NumericSystem, numeric_system
@@ -29,13 +31,39 @@ def solve(
     of the Solution.
     """
     solver = solver or default_solver(problem)
-    solution = refused(problem, solver) or _with_pose(solver.solve(problem, progress))
-    began = perf_counter()
-    if progress:
-        progress({"k": None, "error": None, "stage": "verifying"})
-    with Interruption():  # short, and an interrupted solution deserves its verdict
-        verdict = verify(solution)
+    with Interruption() as interruption:
+        try:
+            solution = _doubted(refused(problem, solver) or _with_pose(solver.solve(problem, progress)))
+        except KeyboardInterrupt:
+            if interruption.insisted:
+                raise
+            solution = _unsolved(
+                problem, solver, Outcome.INTERRUPTED, "Stopped by hand before a control was found."
+            )
+        began = perf_counter()
+        if progress:
+            progress({"k": None, "error": None, "stage": "verifying"})
+        try:
+            verdict = verify(solution)  # interrupted ones deserve it too
+        except KeyboardInterrupt:
+            if interruption.insisted:
+                raise
+            message = f"Stopped by hand before it was verified; the solver's own word: {solution.message}"
+            return replace(solution, outcome=Outcome.INTERRUPTED, message=message)
+    if solution.outcome is Outcome.CONVERGED and not verdict.ok:
+        # a class or a global that the equations read may have changed since what is kept was made
+        let_go(problem.system)
     return solution.judged(verdict, perf_counter() - began)
+
+
+def _doubted(solution: Solution) -> Solution:
+    """With a warning where what counts as reached is a large part of the motion."""
+    problem = solution.problem
+    poses = [problem.start, *(via.goal for via in problem.via), problem.goal]
+    words = coarse(problem.scales, poses, problem.error_length, solution.tolerance)
+    if not words:
+        return solution
+    return replace(solution, warnings=[*solution.warnings, f"error_length: {words}"])
 
 
 def _with_pose(solution: Solution) -> Solution:

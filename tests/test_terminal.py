@@ -101,7 +101,11 @@ def test_a_comparison_ends_with_a_table_files_and_commands(columns, solved, caps
     )
     monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
     monkeypatch.setenv("COLUMNS", str(columns))
-    comparison_lines(comparison, Path("out/report.html"), {"unicycle": task(UNICYCLE, ["name=my own"])})
+    comparison_lines(
+        comparison,
+        [Path("out/report.html"), Path("out/comparison.csv"), Path("out/comparison.json")],
+        {"unicycle": task(UNICYCLE, ["name=my own"])},
+    )
     lines = [line.rstrip() for line in plain(capsys.readouterr().out).splitlines()]
     said = "\n".join(lines)
     assert max(len(line) for line in lines if not line.startswith("  nhpocp ")) <= columns

@@ -152,8 +152,8 @@ class _Run:
             [task.share for task in problem.tasks[:-1]],
             along=solver.inverse.looks_along,
         )
-        factor = solver.metric.factor(problem.basis, problem.system.input_space.size, self.horizon)
-        self.evaluator = Evaluator(problem, self.map, solver.inverse, Coordinates(factor))
+        coordinates = Coordinates.natural(solver.metric, problem.basis, problem.scales.inputs, self.horizon)
+        self.evaluator = Evaluator(problem, self.map, solver.inverse, coordinates)
         self.records: list[Deferred] = []
         self.updates, self.limit = updates, solver.max_iterations * solver.step_rule.evaluations
         self.details: dict[str, Any] = {}

@@ -14,7 +14,7 @@ from nhpocp.arrays import Array
 from nhpocp.constraints import BoundReport, check_bounds
 from nhpocp.solution import Crossing, Replay, Solution, Verdict
 from nhpocp.state_space import Block
-from nhpocp.systems.numeric import numeric_system
+from nhpocp.systems.numeric import NumericSystem
 from nhpocp.verification import geometry
 from nhpocp.verification.crossings import find_crossings
 from nhpocp.verification.replay import (
@@ -86,8 +86,8 @@ class _Check:
         self.problem, self.control = self.solution.problem, self.solution.control
         self.system: Any = self.problem.system
         self.space = self.system.state_space
-        self.numeric = numeric_system(self.system)
-        self.path = replay(self.numeric, self.control, self.problem.start_point)
+        self.numeric = NumericSystem(self.system)  # afresh: what the solver keeps may be out of date
+        self.path = replay(self.numeric, self.control, self.problem.start_point, self.problem.scales.points)
         self.samples = sample(self.path, self.control, SAMPLES)
         self.allowed = SLACK * self.solution.tolerance
 
@@ -226,6 +226,7 @@ class _Check:
             self.control,
             self.problem.start_point,
             Watch(other, self.problem.start_point, vanishing=1e-5),
+            self.problem.scales.points,
         )
         return self._judge_original(path)
 
@@ -339,7 +340,11 @@ class _Check:
         if not self.problem.bounds:
             return []
         reports = check_bounds(self.problem.bounds, self.samples.times, self.trajectory)
-        self.reasons.extend(report.describe() for report in reports if not report.ok)
+        self.reasons.extend(
+            f"{report.describe()} by {report.worst:.3g}, more than the {report.allowed:.3g} allowed"
+            for report in reports
+            if not report.ok
+        )
         return reports
 
 
