@@ -151,7 +151,7 @@ class BoundReport:
     component: tuple[int, ...]
     ok: bool
     value: float = np.nan  # of the quantity there
-    allowed: float = 0.0  # excess, in the same unit
+    allowed: float = np.nan  # excess, in the same unit
 
     @property
     def name(self) -> str:

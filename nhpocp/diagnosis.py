@@ -9,11 +9,19 @@ import casadi as ca
 from nhpocp.flow.kernel_cache import cached
 from nhpocp.machine import environment
 from nhpocp.problem_file.registry import SYSTEMS, every_class
+from nhpocp.solvers.interruption import Interruption
 from nhpocp.solvers.optimizers import LINEAR_SOLVERS
 
 
 def diagnose() -> dict[str, Any]:
     """Versions and the parts that were found by asking for them; linear solvers by solving with them."""
+    with Interruption() as interruption:
+        found = _parts()
+        interruption.check()  # CasADi makes a failure of it, which is none of the solver's
+    return found
+
+
+def _parts() -> dict[str, Any]:
     return {
         **{name: value for name, value in environment().items() if name != "plugin"},
         "integrators": [name for name in ("rk", "cvodes") if ca.has_integrator(name)],

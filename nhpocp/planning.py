@@ -31,16 +31,28 @@ def solve(
     of the Solution.
     """
     solver = solver or default_solver(problem)
-    solution = _doubted(refused(problem, solver) or _with_pose(solver.solve(problem, progress)))
-    began = perf_counter()
-    if progress:
-        progress({"k": None, "error": None, "stage": "verifying"})
-    with Interruption():  # short, and an interrupted solution deserves its verdict
-        verdict = verify(solution)
+    with Interruption() as interruption:
+        try:
+            solution = _doubted(refused(problem, solver) or _with_pose(solver.solve(problem, progress)))
+        except KeyboardInterrupt:
+            if interruption.insisted:
+                raise
+            with Interruption(patient=True):  # short
+                words = "Stopped by hand before a control was found."
+                solution = _unsolved(problem, solver, Outcome.INTERRUPTED, words)
+        began = perf_counter()
+        if progress:
+            progress({"k": None, "error": None, "stage": "verifying"})
+        try:
+            verdict = verify(solution)  # interrupted ones deserve it too
+        except KeyboardInterrupt:
+            if interruption.insisted:
+                raise
+            message = f"Stopped by hand before it was verified; the solver's own word: {solution.message}"
+            return replace(solution, outcome=Outcome.INTERRUPTED, message=message)
     if solution.outcome is Outcome.CONVERGED and not verdict.ok:
-        let_go(
-            problem.system
-        )  # a class or a global that the equations read may have changed since it was made
+        # a class or a global that the equations read may have changed since what is kept was made
+        let_go(problem.system)
     return solution.judged(verdict, perf_counter() - began)
 
 

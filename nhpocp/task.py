@@ -81,7 +81,7 @@ class Task:
 
     @cached_property
     def _fixed(self) -> StateSpace:
-        return StateSpace([block for block in self.space.blocks if block.name in self.values])
+        return _part_of(self.space, tuple(name for name in self.space.names if name in self.values))
 
     @cached_property
     def _wanted(self) -> Array:
@@ -201,6 +201,12 @@ def _part(space: StateSpace, fixed: StateSpace, point: Array) -> Array:
     """The numbers of a point that belong to some of its blocks."""
     here = space.unpack(point)
     return fixed.pack({name: here[name] for name in fixed.names})
+
+
+@kept(most=64)
+def _part_of(space: StateSpace, names: tuple[str, ...]) -> StateSpace:
+    """The space of some of its blocks."""
+    return StateSpace([block for block in space.blocks if block.name in names])
 
 
 @kept(most=64)

@@ -105,13 +105,13 @@ def test_a_folder_as_written_is_confirmed(folders, solver, tmp_path):
 @pytest.mark.parametrize("model", SYSTEMS)
 def test_no_system_states_what_is_not_found_again(model, tmp_path):
     problem = replace(parse_problem(starter(model)), samples=21, pictures=False, bounds=())
-    for solver in (Continuation(step_rule=Adaptive(), max_iterations=20), _few(3)):
+    for solver in (Continuation(step_rule=Adaptive(), max_iterations=5), _few(1, 3)):
         folder = save_solution(planning.solve(problem, solver), tmp_path / solver.name)
         assert audit(folder).differences == []
 
 
-def _few(iterations: int) -> MultipleShooting:
-    return MultipleShooting(intervals=6, optimizer=Ipopt(max_iterations=iterations))
+def _few(iterations: int, intervals: int = 6) -> MultipleShooting:
+    return MultipleShooting(intervals=intervals, optimizer=Ipopt(max_iterations=iterations))
 
 
 ENDINGS = {
@@ -170,6 +170,15 @@ def test_every_edit_of_a_key_is_noticed(small, solver, tmp_path):
     assert unseen <= FREE | (OF_THE_OPTIMIZER if solver == "nlp" else set())
     for key in [*sorted(unseen), "checksum"]:
         assert noticed(edited(small[solver], tmp_path, key, another(data[key]), keep_checksum=True), key)
+
+
+@pytest.mark.parametrize("key", ["system", "converged", "length_scale"])
+def test_a_key_that_was_removed_is_noticed(small, key, tmp_path):
+    copy = edited(small["jacobian"], tmp_path, key, None)
+    data = json.loads((copy / "solution.json").read_text())
+    del data[key]
+    (copy / "solution.json").write_text(as_text(data))
+    assert f"{key} is missing in solution.json" in audit(copy).differences
 
 
 @pytest.mark.parametrize(

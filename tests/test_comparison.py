@@ -377,7 +377,8 @@ def test_animations_are_made_where_pictures_are_wanted_and_something_moves(tmp_p
     written = write_comparison(Comparison.of(runs), tmp_path, report, animate)
     assert asked == [["a"], ["c"]]
     assert linked == [{"a": "a/animation.html"}]
-    assert written[-1].read_text() == "a page"
+    assert written.files[-1].read_text() == "a page"
+    assert written.missing == []
     assert sorted(path.name for path in (tmp_path / "a").iterdir()) == ["animation.html"]
 
 
@@ -483,9 +484,13 @@ def test_ctrl_c_writes_the_report_of_what_is_there(tmp_path):
     process.send_signal(signal.SIGINT)
     process.communicate(timeout=120)
     assert process.returncode == 1
-    rows = json.loads((tmp_path / "results" / "comparison.json").read_text())["runs"]
-    assert [row["outcome"] for row in rows] == ["interrupted"]
-    assert "Stopped by hand; not run: paper by nlp." in (tmp_path / "results" / "report.html").read_text()
+    found = json.loads((tmp_path / "results" / "comparison.json").read_text())
+    assert [row["outcome"] for row in found["runs"]] == ["interrupted"]
+    note, *missing = found["warnings"]
+    assert note == "Stopped by hand; not run: paper by nlp."
+    report = tmp_path / "results" / "report.html"  # where the time was enough
+    assert report.exists() == (not missing)
+    assert not report.exists() or note in report.read_text()
 
 
 def test_python_says_it_as_the_contract_does(tmp_path):

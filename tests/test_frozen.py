@@ -164,7 +164,6 @@ def test_no_part_of_a_problem_can_be_changed(again):
     for change in (
         lambda: problem.start.update(position=3),
         lambda: problem.goal.__setitem__("position", 3),
-        lambda: problem.bounds.append(3),
         lambda: problem.reference["nlp"].clear(),
         lambda: problem.towards(problem.goal).goal.popitem(),
     ):

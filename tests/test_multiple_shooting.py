@@ -330,7 +330,7 @@ class Stub:
     outcome: Outcome
     change: object = None
     kind = "stub"
-    takes_derivatives = False
+    takes_derivatives = heeds_stops = False
     tolerance: float = 1e-6
     calls: list = field(default_factory=list)
 

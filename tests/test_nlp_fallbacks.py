@@ -30,6 +30,7 @@ class Stuck:
 
     kind = "stuck"
     takes_derivatives = False
+    heeds_stops = True
     tolerance: float = 1e-6
 
     def settings(self):

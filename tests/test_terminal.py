@@ -28,6 +28,7 @@ from nhpocp.deferred import Deferred
 from nhpocp.problem_file import load_problem, read
 from nhpocp.solution import Outcome
 from nhpocp.solution_folder import load_solution
+from nhpocp.solvers.optimizers import Fatrop
 
 PAPER = Path(__file__).parents[1] / "problems" / "paper.yaml"
 UNICYCLE = Path(__file__).parents[1] / "problems" / "unicycle.yaml"
@@ -101,7 +102,11 @@ def test_a_comparison_ends_with_a_table_files_and_commands(columns, solved, caps
     )
     monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
     monkeypatch.setenv("COLUMNS", str(columns))
-    comparison_lines(comparison, Path("out/report.html"), {"unicycle": task(UNICYCLE, ["name=my own"])})
+    comparison_lines(
+        comparison,
+        [Path("out/report.html"), Path("out/comparison.csv"), Path("out/comparison.json")],
+        {"unicycle": task(UNICYCLE, ["name=my own"])},
+    )
     lines = [line.rstrip() for line in plain(capsys.readouterr().out).splitlines()]
     said = "\n".join(lines)
     assert max(len(line) for line in lines if not line.startswith("  nhpocp ")) <= columns
@@ -235,6 +240,13 @@ def test_ipopts_lines_arrive_as_they_are_kept():
     ]
     assert solution.iterations in ways
     assert all(ways)
+
+
+def test_fatrop_says_that_it_cannot_be_stopped():
+    records, _ = told(UNICYCLE, "nlp", intervals=10, optimizer=Fatrop())
+    (stage,) = [one["stage"] for one in records if "Ctrl-C" in one.get("stage", "")]
+    panel = heard([record(0, 0.5), {"k": None, "error": None, "stage": stage}])
+    assert "fatrop is at work, and Ctrl-C waits until it has ended" in panel.lines(100)[0]
 
 
 # --- what to do next --------------------------------------------------------------------------------------------------

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from nhpocp.solution_folder.target import is_solution_folder as is_solution_folder
     from nhpocp.solution_folder.target import unwritable as unwritable
     from nhpocp.solution_folder.writing import save_solution as save_solution
+    from nhpocp.solution_folder.writing import store_solution as store_solution
 
 _HOMES = {
     "audit": "auditing",
@@ -28,6 +29,7 @@ _HOMES = {
     "load_solution": "reading",
     "plain": "plain_data",
     "save_solution": "writing",
+    "store_solution": "writing",
     "to_json": "plain_data",
     "unwritable": "target",
 }

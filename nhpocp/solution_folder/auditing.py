@@ -99,7 +99,9 @@ class _Comparison:
         verified = self.stored.verdict is not None  # else it states no more than that nobody looked
         expected = to_json(self.fresh if verified else replace(self.fresh, verdict=None))
         for name in RECOMPUTED:
-            if name not in ("leg_effort", "path_length") or self.whole:
+            if name not in self.stated:
+                yield f"{name} is missing in solution.json"
+            elif name not in ("leg_effort", "path_length") or self.whole:
                 yield from _apart(name, self.stated[name], expected[name])
         if verified:
             yield from self._verdict(expected["verified"])

@@ -227,7 +227,15 @@ def _solution(
 def _verdict(stored: StoredSolution, verified: StoredVerdict, problem: PlanningProblem) -> Verdict:
     bounds, original = {bound.label: bound for bound in problem.bounds}, verified.original
     reports = [
-        BoundReport(bounds[label], _number(r.worst), _number(r.t), tuple(r.component), r.ok, _number(r.value))
+        BoundReport(
+            bounds[label],
+            _number(r.worst),
+            _number(r.t),
+            tuple(r.component),
+            r.ok,
+            _number(r.value),
+            _number(r.allowed),
+        )
         for label, r in stored.constraints.items()
         if label in bounds
     ]

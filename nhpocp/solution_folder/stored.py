@@ -69,6 +69,7 @@ class StoredBound(Stored):
     t: float | None
     component: list[int]
     value: float | None = None
+    allowed: float | None = None  # folders of older versions have none
 
 
 class StoredRecord(Stored):

@@ -87,6 +87,7 @@ class Optimizer(Protocol):
 
     kind: ClassVar[str]
     takes_derivatives: ClassVar[bool]  # else it makes its own of the programme's `nlp`
+    heeds_stops: ClassVar[bool]  # asks `Watch`; else Ctrl-C waits until it has ended
 
     @property
     def tolerance(self) -> float: ...
@@ -109,6 +110,7 @@ class Ipopt:
     linear_solver: str = "mumps"
     kind: ClassVar[str] = "ipopt"
     takes_derivatives: ClassVar[bool] = True
+    heeds_stops: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         if self.linear_solver not in LINEAR_SOLVERS:
@@ -191,6 +193,7 @@ class Fatrop:
     max_iterations: int = 1000
     kind: ClassVar[str] = "fatrop"
     takes_derivatives: ClassVar[bool] = False  # CasADi's interface has no place for them
+    heeds_stops: ClassVar[bool] = False  # nor for a callback between iterations
 
     def settings(self) -> dict[str, Any]:
         return {"plugin": self.kind, "tolerance": self.tolerance, "max_iterations": self.max_iterations}

@@ -147,6 +147,9 @@ class Run:
                     self.progress(Deferred(look, known))
                 return interruption.noted
 
+            if self.progress and not self.optimizer.heeds_stops:
+                words = f"{self.optimizer.kind} is at work, and Ctrl-C waits until it has ended"
+                self.progress({"k": None, "error": None, "stage": words})
             began = perf_counter()
             try:
                 optimum = self.optimizer.solve(programme, start, multipliers, watch)
