@@ -226,7 +226,7 @@ def waypoints(problem: PlanningProblem) -> tuple[Array, Array]:
     if named:
         raise NoGuessError(
             f"{named[0]} is an output, which gives no pose to go straight to; use solvers.nlp.initial: problem",
-            Outcome.INFEASIBLE,
+            Outcome.NOT_REACHED,
             "solvers.nlp.initial",
         )
     shares = np.array([0.0, *(task.share for task in tasks)])
