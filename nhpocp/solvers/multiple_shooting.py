@@ -38,8 +38,9 @@ class MultipleShooting:
     many steps ends within a tenth of the tolerance. Bounds that are broken between the nodes are tightened there by as
     much, and the problem is solved again. ``starts``: the first is ``guess``, the others seeded; the least objective
     of those that end well is kept. ``mesh_check``: solve again with twice as many intervals and say what that changes.
-    ``kernels``: whether compiled ones evaluate the intervals for IPOPT. Where no start leads to an optimum, other guesses
-    are tried within the iterations that are left; else a guess that reaches the goal is handed back, and called one.
+    ``kernels``: whether compiled ones evaluate the intervals for IPOPT.
+    Where no start leads to an optimum, other guesses are tried within the iterations that are left; else a guess that
+    reaches the goal is handed back, and called one.
     """
 
     intervals: int = 50
