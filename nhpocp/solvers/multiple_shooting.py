@@ -220,7 +220,7 @@ def _in_short(solution: Solution) -> str:
 def _summed(best: Solution, ended: list[Solution], details: Mapping[str, Any]) -> Solution:
     """The best of some solutions with what all of them took."""
     if len(ended) == 1:
-        return best
+        return replace(best, details={**best.details, **details})
     timing = {key: sum(solution.timing[key] for solution in ended) for key in ("build_s", "solve_s")}
     attempts = [
         {
