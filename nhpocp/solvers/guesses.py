@@ -24,7 +24,6 @@ from nhpocp.state_space import StateSpace
 from nhpocp.systems.numeric import numeric_system
 
 STEPS_PER_INTERVAL = 4
-FINE_STEPS = 16
 DRAWS = 40  # of a seeded control; an NLP needs no full rank, and begins with what is best conditioned
 
 
@@ -64,12 +63,9 @@ def make_guess(
     else:
         control = maker.control(problem, horizon, seed)
     wanted = basis or PiecewiseConstant(intervals)
-    own = control
     if control.basis != wanted:
         control = project(control, wanted)
-    # another solver's plan may be too quick for the intervals: its own path, though torn from the control, leads there
-    followed, steps = (own, FINE_STEPS) if origin else (control, STEPS_PER_INTERVAL)
-    states = follow(problem, followed, intervals, steps)
+    states = follow(problem, control, intervals, STEPS_PER_INTERVAL)
     if not np.isfinite(states).all():
         raise NoGuessError(
             f"the path under the {maker.kind} guess is not finite; try another control.initial, or "
@@ -226,7 +222,7 @@ def waypoints(problem: PlanningProblem) -> tuple[Array, Array]:
     if named:
         raise NoGuessError(
             f"{named[0]} is an output, which gives no pose to go straight to; use solvers.nlp.initial: problem",
-            Outcome.INFEASIBLE,
+            Outcome.NOT_REACHED,
             "solvers.nlp.initial",
         )
     shares = np.array([0.0, *(task.share for task in tasks)])

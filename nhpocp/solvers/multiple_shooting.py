@@ -39,6 +39,8 @@ class MultipleShooting:
     much, and the problem is solved again. ``starts``: the first is ``guess``, the others seeded; the least objective
     of those that end well is kept. ``mesh_check``: solve again with twice as many intervals and say what that changes.
     ``kernels``: whether compiled ones evaluate the intervals for IPOPT.
+    Where no start leads to an optimum, other guesses are tried within the iterations that are left; else a guess that
+    reaches the goal is handed back, and called one.
     """
 
     intervals: int = 50
@@ -115,7 +117,7 @@ class MultipleShooting:
         """What other guesses lead to, added to ``ended``: the first that ends well, else the best so far."""
         tried = [f"{self.guess.kind}: {_in_short(best)}"]
         budget, reached = self._allowed, None
-        left = budget * self.starts - sum(len(solution.iterations) for solution in ended) if budget else None
+        left = budget * self.starts - sum(map(_iterations, ended)) if budget else None
         known: list[GuessMaker] = [StraightGuess(), SolverGuess(self._continuation), ProblemGuess()]
         others = [maker for maker in known if maker.kind != self.guess.kind]
         for maker in others:
@@ -132,7 +134,7 @@ class MultipleShooting:
                 words = f"this is the plan from the guess {maker.kind}; others before: {'; '.join(tried)}"
                 return replace(solution, warnings=[*solution.warnings, words])
             tried.append(f"{maker.kind}: {_in_short(solution)}")
-            left = left - len(solution.iterations) if left is not None else None
+            left = left - _iterations(solution) if left is not None else None
             reached = reached or run.origin
         words = f"Guesses that were tried: {'; '.join(tried)}."
         if stalled := _uncertified(ended):
@@ -231,23 +233,27 @@ def _rank(solution: Solution) -> tuple[bool, bool, float]:
     return _well(solution), solution.outcome is Outcome.CONVERGED, -_objective(solution)
 
 
+def _iterations(solution: Solution) -> int:
+    return int(solution.iterations[-1]["k"]) if solution.iterations else 0
+
+
 def _in_short(solution: Solution) -> str:
-    status = solution.details.get("status")
-    return f"{solution.outcome.value}" + (
-        f" ({status} after {solution.iterations[-1]['k']} iterations)" if status else ""
-    )
+    status, outcome = solution.details.get("status"), solution.outcome.value
+    if not status:
+        return f"{outcome} ({solution.message.rstrip('.')})"
+    return f"{outcome} ({status} after {_iterations(solution)} iterations)"
 
 
 def _summed(best: Solution, ended: list[Solution], details: Mapping[str, Any]) -> Solution:
     """The best of some solutions with what all of them took."""
     if len(ended) == 1:
-        return best
+        return replace(best, details={**best.details, **details})
     timing = {key: sum(solution.timing[key] for solution in ended) for key in ("build_s", "solve_s")}
     attempts = [
         {
             "guess": solution.details.get("guess"),
             "outcome": solution.outcome.value,
-            "iterations": len(solution.iterations),
+            "iterations": _iterations(solution),
             "evaluations": solution.evaluations,
             "solve_s": solution.timing["solve_s"],
         }
