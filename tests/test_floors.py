@@ -22,7 +22,7 @@ FLOORS = {
 CHAINS = [  # inside a floor: a group may import the groups to its right, never those to its left
     ["state_space", "so3", "arrays"],
     ["calls", "arrays"],
-    ["controls", "controls.basis"],
+    ["controls", "controls.basis", "controls.table"],
     ["systems", "systems.system"],
     ["flow.end_point_map flow.simulation", "flow.variational", "flow.integrators flow.kernels"],
     ["solution", "problem", "task constraints objectives"],

@@ -11,6 +11,7 @@ import numpy as np
 from nhpocp.arrays import Array, namespace
 from nhpocp.controls.basis import ControlBasis, Side
 from nhpocp.controls.piecewise_constant import PiecewiseConstant
+from nhpocp.controls.table import Gram, Table
 from nhpocp.errors import InvalidProblemError
 
 
@@ -63,8 +64,23 @@ class BSpline(ControlBasis):
         )
 
     def table(self, times: Array, horizon: float, side: Side = "right") -> Array:
-        steps = self._steps.table(times, horizon, side)
-        return np.stack(self._functions(np.asarray(times, dtype=float) / horizon, list(steps.T)), axis=-1)
+        return self.local_table(times, horizon, side).dense()
+
+    def local_table(self, times: Array, horizon: float, side: Side = "right") -> Table:
+        """The degree + 1 functions that are not zero on the interval of each time; [de Boor], ch. X (8)."""
+        place = np.asarray(self._steps.local_table(times, horizon, side).first)
+        share, knots, span = np.asarray(times, dtype=float) / horizon, self.knots(1.0), place + self.degree
+        values = np.zeros((len(share), self.degree + 1))
+        values[:, 0] = 1.0
+        for degree in range(1, self.degree + 1):
+            saved = np.zeros(len(share))
+            for r in range(degree):
+                after, before = knots[span + r + 1], knots[span + r + 1 - degree]
+                part = values[:, r] / (after - before)
+                values[:, r] = saved + (after - share) * part
+                saved = (share - before) * part
+            values[:, degree] = saved
+        return Table(values, self.size, place)
 
     def derivative_table(self, times: Array, horizon: float, side: Side = "right") -> Array:
         if self.degree == 0:
@@ -82,12 +98,17 @@ class BSpline(ControlBasis):
         # ∫ B_i is its mass times the sum of the later functions of one degree more
         return np.cumsum(upper[:, :0:-1], axis=1)[:, ::-1] * masses
 
-    def gram(self, horizon: float) -> Array:
+    def gram(self, horizon: float) -> Gram:
         nodes, weights = np.polynomial.legendre.leggauss(self.degree + 1)  # exact for products
-        starts = np.arange(self.intervals)[:, None]
-        table = self.table(((starts + 0.5 * (nodes + 1.0)) / self.intervals).ravel(), 1.0)
-        shares = np.tile(0.5 * weights / self.intervals, self.intervals)
-        return horizon * table.T @ (shares[:, None] * table)
+        starts, width = np.arange(self.intervals)[:, None], self.degree + 1
+        values = self.local_table(((starts + 0.5 * (nodes + 1.0)) / self.intervals).ravel(), 1.0).values
+        values = values.reshape(self.intervals, len(nodes), width)
+        products = np.einsum("inf,n,ing->ifg", values, 0.5 * horizon / self.intervals * weights, values)
+        bands = np.zeros((width, self.size))
+        for f in range(width):
+            for d in range(width - f):
+                bands[d, f : f + self.intervals] += products[:, f, f + d]
+        return Gram(bands)
 
     def breakpoints(self, horizon: float) -> Array:
         return self._steps.breakpoints(horizon)

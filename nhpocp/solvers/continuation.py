@@ -26,7 +26,6 @@ from nhpocp.solution import Outcome, Progress, Solution, Solver
 from nhpocp.solvers.evaluation import Evaluation, Evaluator
 from nhpocp.solvers.generalized_inverses import (
     CoefficientMetric,
-    Coordinates,
     GeneralizedInverse,
     Metric,
     MoorePenrose,
@@ -146,8 +145,9 @@ class _Run:
             [task.share for task in problem.tasks[:-1]],
             along=solver.inverse.looks_along,
         )
-        factor = solver.metric.factor(problem.basis, problem.system.input_space.size, self.horizon)
-        self.evaluator = Evaluator(problem, self.map, solver.inverse, Coordinates(factor))
+        inputs = problem.system.input_space.size
+        coordinates = solver.metric.coordinates(problem.basis, inputs, self.horizon)
+        self.evaluator = Evaluator(problem, self.map, solver.inverse, coordinates)
         self.records: list[Deferred] = []
         self.updates, self.limit = 0, solver.max_iterations * solver.step_rule.evaluations
         self.details: dict[str, Any] = {}

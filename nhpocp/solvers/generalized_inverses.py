@@ -11,6 +11,7 @@ import numpy as np
 
 from nhpocp.arrays import Array, norm
 from nhpocp.controls.basis import ControlBasis
+from nhpocp.controls.table import Gram
 from nhpocp.errors import InvalidProblemError
 
 NEGLIGIBLE = 1e-14  # σ/σ₁ under which a singular value is rounding
@@ -25,9 +26,13 @@ class Metric(Protocol):
         """L (size·inputs, square) with ⟨λ, λ⟩ = |Lᵀ λ|²."""
         ...
 
+    def coordinates(self, basis: ControlBasis, inputs: int, horizon: float) -> Coordinates:
+        """z = Lᵀ λ; override it where no matrix L is needed for that."""
+        return Coordinates(self.factor(basis, inputs, horizon))
+
 
 @dataclass(frozen=True)
-class CoefficientMetric:
+class CoefficientMetric(Metric):
     """|λ|²: the pseudo-inverse of the matrix itself, [Paper] eq. (16)."""
 
     kind: ClassVar[str] = "coefficients"
@@ -35,20 +40,26 @@ class CoefficientMetric:
     def factor(self, basis: ControlBasis, inputs: int, horizon: float) -> Array:
         return np.eye(inputs * basis.size)
 
+    def coordinates(self, basis: ControlBasis, inputs: int, horizon: float) -> Coordinates:
+        return CoefficientCoordinates()
+
 
 @dataclass(frozen=True)
-class L2Metric:
+class L2Metric(Metric):
     """∫ |u|² dt: what the functional flow, [Paper] eq. (14), becomes over a finite basis. The Fourier basis (15) is not
     orthonormal (∫ 1 = T, ∫ sin² = T/2), so this differs from `CoefficientMetric`."""
 
     kind: ClassVar[str] = "l2"
 
     def factor(self, basis: ControlBasis, inputs: int, horizon: float) -> Array:
-        return np.kron(np.eye(inputs), np.linalg.cholesky(basis.gram(horizon)))
+        return np.kron(np.eye(inputs), np.linalg.cholesky(np.asarray(basis.gram(horizon))))
+
+    def coordinates(self, basis: ControlBasis, inputs: int, horizon: float) -> Coordinates:
+        return L2Coordinates(Gram.of(basis.gram(horizon)))
 
 
 @dataclass(frozen=True)
-class WeightedMetric:
+class WeightedMetric(Metric):
     """∫ uᵀ R u dt. weights: R, or its diagonal, one weight per input."""
 
     weights: Any
@@ -56,7 +67,7 @@ class WeightedMetric:
 
     def factor(self, basis: ControlBasis, inputs: int, horizon: float) -> Array:
         root = weight_root(self.weights, inputs, definite=True).T
-        return np.kron(root, np.linalg.cholesky(basis.gram(horizon)))
+        return np.kron(root, np.linalg.cholesky(np.asarray(basis.gram(horizon))))
 
 
 class Coordinates:
@@ -67,16 +78,60 @@ class Coordinates:
         self._back = np.linalg.inv(factor.T)
 
     def jacobian(self, by_coefficients: Array) -> Array:
-        """J over z, from J over λ."""
+        """J over z, from J over λ, (…, size·inputs)."""
         return by_coefficients @ self._back
 
     def coefficients(self, z: Array) -> Array:
-        """λ of z."""
+        """λ of z, (size·inputs, …)."""
         return self._back @ z
+
+    def of(self, coefficients: Array) -> Array:
+        """z of λ, (size·inputs, …)."""
+        return np.asarray(self.factor.T @ coefficients)
 
     def length(self, coefficients: Array) -> float:
         """√⟨λ, λ⟩."""
-        return float(norm(self.factor.T @ coefficients))
+        return float(norm(self.of(coefficients)))
+
+
+class CoefficientCoordinates(Coordinates):
+    """z = λ."""
+
+    def __init__(self) -> None:
+        pass
+
+    def jacobian(self, by_coefficients: Array) -> Array:
+        return by_coefficients
+
+    def coefficients(self, z: Array) -> Array:
+        return z
+
+    def of(self, coefficients: Array) -> Array:
+        return coefficients
+
+
+class L2Coordinates(Coordinates):
+    """z with ∫ |u|² dt = |z|²: for each input those of its own coefficients, by the root of the Gram matrix."""
+
+    def __init__(self, gram: Gram) -> None:
+        self._gram = gram
+
+    def jacobian(self, by_coefficients: Array) -> Array:
+        rows = by_coefficients.reshape(by_coefficients.size // self._gram.size, self._gram.size)
+        return self._gram.solve_root(rows.T).T.reshape(by_coefficients.shape)
+
+    def coefficients(self, z: Array) -> Array:
+        return self._by_input(self._gram.solve_root_transposed, z)
+
+    def of(self, coefficients: Array) -> Array:
+        return self._by_input(self._gram.root_transposed, coefficients)
+
+    def _by_input(self, done: Callable[[Array], Array], vectors: Array) -> Array:
+        """Done to the coefficients of each input in vectors (size·inputs, …)."""
+        inputs = len(vectors) // self._gram.size
+        columns = vectors.reshape(inputs, self._gram.size, *vectors.shape[1:]).swapaxes(0, 1)
+        found = done(columns.reshape(self._gram.size, columns[0].size)).reshape(columns.shape)
+        return np.ascontiguousarray(found.swapaxes(0, 1)).reshape(vectors.shape)
 
 
 def weight_root(weights: Any, size: int, *, definite: bool) -> Array:

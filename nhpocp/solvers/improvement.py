@@ -77,8 +77,8 @@ class Improvement:
         problem, horizon = self.problem, self.horizon
         basis, inputs = problem.basis, problem.system.input_space.size
         # coordinates in which the effort is |y|²
-        factor = L2Metric().factor(basis, inputs, horizon).T
-        self._unscale, self._first = np.linalg.inv(factor), factor @ self.reached.ravel()
+        self._coordinates = L2Metric().coordinates(basis, inputs, horizon)
+        self._first = self._coordinates.of(self.reached.ravel())
         self._last: tuple[Array, Array] | None = None  # y and the path of the latest attempt
         self._path_rows = PathRows(problem, basis, horizon, self.times) if problem.bounds else None
         self._goal = min(1e-7, 1e-3 * self.tolerance)
@@ -151,14 +151,14 @@ class Improvement:
     # --- what the search asks ------------------------------------------------------------------------------------
 
     def _coefficients(self, y: Array) -> Array:
-        return (self._unscale @ y).reshape(self.reached.shape)
+        return self._coordinates.coefficients(y).reshape(self.reached.shape)
 
     def _constraint(self, y: Array) -> tuple[Array, Array] | None:
         tried = self.attempt(self._coefficients(y))
         if tried is None or tried.failure or tried.crossing or tried.vector is None or tried.jacobian is None:
             return None
         self._last = y, tried.end.path
-        return tried.vector, tried.jacobian @ self._unscale
+        return tried.vector, self._coordinates.jacobian(tried.jacobian)
 
     def _distance(self, y: Array) -> tuple[float, Array]:
         """∫ |u - u_reached|² dt."""
@@ -168,7 +168,7 @@ class Improvement:
     def _cost(self, y: Array) -> tuple[float, Array]:
         """The objective; the effort where there is none."""
         value, gradient = self._map(self._coefficients(y))
-        return value, gradient @ self._unscale
+        return value, self._coordinates.jacobian(gradient)
 
     def _curvature(self, cost: Cost, y: Array) -> float:
         """A guess at the cost's curvature, exact for the effort."""
@@ -188,7 +188,7 @@ class Improvement:
 
     def slopes(self, y: Array) -> Array:
         slopes = self._rows.derivatives(self._coefficients(y))
-        return slopes.reshape(-1, len(y)) @ self._unscale
+        return self._coordinates.jacobian(slopes.reshape(-1, len(y)))
 
     def between(self, y: Array) -> Array:
         return self._rows.between(self._coefficients(y)).ravel()

@@ -19,7 +19,7 @@ from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Solver
 from nhpocp.solvers.claims import finer
 from nhpocp.solvers.continuation import DIVERGED_ABOVE, STAGNATION_WINDOW, Continuation
-from nhpocp.solvers.generalized_inverses import NEGLIGIBLE, Coordinates, MoorePenrose, within_radius
+from nhpocp.solvers.generalized_inverses import NEGLIGIBLE, MoorePenrose, within_radius
 from nhpocp.solvers.interruption import Interruption
 from nhpocp.solvers.step_rules import KEPT, PROMISED, SMALLEST, Adaptive, next_radius
 from nhpocp.solvers.strategies import EVALUATIONS, Auto
@@ -143,7 +143,7 @@ class _Lockstep:
         self.problem, self.count, self.interruption = problem, len(problems), interruption
         horizon, inputs = problem.horizon.fixed, problem.system.input_space.size
         self.flow = flow_through(problem.system, problem.basis, horizon, self.solver.integrator, ())
-        self.coordinates = Coordinates(self.solver.metric.factor(problem.basis, inputs, horizon))
+        self.coordinates = self.solver.metric.coordinates(problem.basis, inputs, horizon)
         self.tasks = AlikeTasks([problem.tasks[0] for problem in problems])
         self.numeric = numeric_system(problem.system)
 
@@ -229,7 +229,7 @@ class _Lockstep:
         promised = here.merit - _length(here.vector - _times(left, values * inner))
         least = max(self.inverse.rank_tolerance, NEGLIGIBLE) * values[:, :1]
         full = (values > least).sum(axis=1) == here.vector.shape[1]
-        size = _length((self.coordinates.factor.T @ step.T).T)
+        size = _length(self.coordinates.of(step.T).T)
         return _Steps(step, size, promised, full & (promised > PROMISED * here.merit))
 
 
