@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import platform
+import shlex
 import shutil
 import subprocess
 from contextlib import suppress
@@ -46,31 +47,53 @@ def _said_of_processor(what: str) -> str:
     return ""
 
 
-def c_compiler() -> str | None:
-    """Path of the C compiler: what CC names, else the system's; None where there is none that answers."""
+def c_compiler() -> tuple[str, ...]:
+    """The command of the C compiler: what CC says, else the system's; empty where there is none that answers."""
     return _compiler(os.environ.get("CC"))[0]
 
 
 def compiler() -> str | None:
-    """Path and first line of --version of the C compiler, None where none answers."""
-    path, version = _compiler(os.environ.get("CC"))
-    return f"{path}: {version}" if path and version else path
+    """Command and first line of --version of the C compiler, None where none answers."""
+    command, version = _compiler(os.environ.get("CC"))
+    said = " ".join(command)
+    return f"{said}: {version}" if said and version else said or None
+
+
+def without_compiler() -> str:
+    """Why there is no C compiler, in words."""
+    named = os.environ.get("CC")
+    return (
+        f"no C compiler was found (CC is {named!r})" if named else "no C compiler was found (cc, gcc, clang)"
+    )
 
 
 @cache
-def _compiler(named: str | None) -> tuple[str | None, str]:
-    for path in filter(None, map(shutil.which, (named,) if named else ("cc", "gcc", "clang"))):
+def _compiler(named: str | None) -> tuple[tuple[str, ...], str]:
+    for command in (_words(named),) if named else (("cc",), ("gcc",), ("clang",)):
+        path = shutil.which(command[0]) if command else None
+        if path is None:
+            continue
+        command = (path, *command[1:])
         with suppress(OSError, subprocess.SubprocessError):
             said = subprocess.run(
-                [path, "--version"],
+                [*command, "--version"],
                 capture_output=True,
                 timeout=PATIENCE,
                 check=True,
                 stdin=subprocess.DEVNULL,
             )
             lines = said.stdout.decode("utf-8", "replace").splitlines()
-            return path, lines[0].strip() if lines else ""
-    return None, ""
+            return command, lines[0].strip() if lines else ""
+    return (), ""
+
+
+def _words(named: str) -> tuple[str, ...]:
+    """A command as the shell reads it, `ccache gcc` or `gcc -m64`; a path with blanks is one word if it is there."""
+    if shutil.which(named):
+        return (named,)
+    with suppress(ValueError):  # quotes that do not end
+        return tuple(shlex.split(named))
+    return ()
 
 
 def reset_peak_memory() -> bool:

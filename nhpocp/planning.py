@@ -48,6 +48,10 @@ def refused(problem: PlanningProblem, solver: Solver) -> Solution | None:
     """The ending of a task that no path of this machine performs, recognised from its poses alone."""
     if broken := _broken_values(problem):
         return _unsolved(problem, solver, Outcome.INFEASIBLE, f"{broken}. {Outcome.INFEASIBLE.advice}")
+    if missed := _missed_by_the_drift(problem, solver):
+        return _unsolved(
+            problem, solver, Outcome.NOT_REACHED, f"{missed}. There is no control to search for."
+        )
     if set(problem.goal) != set(problem.system.state_space.names):
         return None
     numeric = numeric_system(problem.system)
@@ -59,6 +63,21 @@ def refused(problem: PlanningProblem, solver: Solver) -> Solution | None:
         if sentence:
             return _unsolved(problem, solver, outcome, f"{sentence}. {outcome.advice}")
     return None
+
+
+def _missed_by_the_drift(problem: PlanningProblem, solver: Solver) -> str:
+    """Where a system without inputs goes in a given time is no matter of choice."""
+    if problem.system.input_space.size or problem.horizon.free:
+        return ""
+    horizon = problem.horizon.fixed
+    control = problem.control(np.zeros((0, problem.basis.size)), horizon)
+    motion = simulate(problem, control)
+    space = problem.system.state_space
+    end = np.asarray(space.pack({name: motion.trajectory[name][-1] for name in space.names}))
+    error = problem.goal_error(end)
+    if error <= solver.tolerance:
+        return ""
+    return f"{problem.system.model} has no inputs, and its drift ends E = {error:.3g} from the goal at t = {horizon:g}"
 
 
 def _broken_values(problem: PlanningProblem) -> str:

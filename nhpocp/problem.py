@@ -17,6 +17,7 @@ from nhpocp.controls.control import Control
 from nhpocp.controls.fourier import Fourier
 from nhpocp.errors import InvalidProblemError
 from nhpocp.objectives import available
+from nhpocp.scales import Scales, natural_scales
 from nhpocp.state_space import Block, StateSpace
 from nhpocp.systems.system import System
 from nhpocp.task import Task
@@ -79,7 +80,8 @@ class PlanningProblem:
     for outputs of the pose. via: what to meet on the way, written like the goal.
     initial: coefficients Λ₀ (inputs × basis functions), or None to let the solver draw a seeded start.
     error_length: the length that counts as much as one radian in E; length_scale divides the rotation columns of the
-    regularity matrices (None: the system's own length). solvers: solver objects by name, used by `nhpocp.solve`.
+    regularity matrices (None: the system's own length, else error_length). solvers: solver objects by name, used by
+    `nhpocp.solve`.
     Errors: `InvalidProblemError` where the parts do not fit together.
     """
 
@@ -204,7 +206,7 @@ class PlanningProblem:
     def towards(self, goal: Mapping[str, Any]) -> Self:
         """This problem with another goal; what a goal does not touch is not checked again."""
         other = copy(self)
-        for name in ("goal_point", "tasks"):
+        for name in ("goal_point", "tasks", "scales"):
             other.__dict__.pop(name, None)
         object.__setattr__(other, "goal", checked_goal(self.system, goal, "goal"))
         other._check_room()
@@ -225,7 +227,17 @@ class PlanningProblem:
     def tasks(self) -> tuple[Task, ...]:
         """What the path must meet, in the order of time; the goal is the last."""
         wanted = [*((via.share, via.goal) for via in self.via), (1.0, self.goal)]
-        return tuple(Task(self.system, goal, share, self.error_length, self.scale) for share, goal in wanted)
+        length = self.scales.length
+        return tuple(Task(self.system, goal, share, self.error_length, length) for share, goal in wanted)
+
+    @cached_property
+    def scales(self) -> Scales:
+        """What counts as 1: what solvers divide by, so that a plan depends on no unit."""
+        poses = [self.start, *(via.goal for via in self.via), self.goal]
+        durations = (self.horizon.initial, self.horizon.maximum, self.horizon.minimum)
+        return natural_scales(
+            self.system, poses, self.bounds, durations, self.error_length, self.length_scale
+        )
 
     def goal_error(self, point: Array) -> float:
         """E at a packed point, [Paper] section 4; NaN where it has none."""
@@ -233,8 +245,8 @@ class PlanningProblem:
 
     @property
     def scale(self) -> float:
-        """The length that divides the rotation columns of the regularity matrices."""
-        return self.length_scale or self.system.default_length_scale()
+        """The length that divides the rotation columns of the regularity matrices, and by which angles count."""
+        return self.scales.radius
 
     def control(self, coefficients: Array, horizon: float | None = None) -> Control:
         """A control over the problem's own basis."""

@@ -78,15 +78,17 @@ _ADVICE = {
 
 @dataclass(frozen=True)
 class Crossing:
-    """A change of sign of a determinant along the path."""
+    """A zero of a determinant along the path."""
 
     which: str  # det_s or det_w
     time: float
     state: Mapping[str, Any]  # the pose there, plain data
-    returns: bool  # the sign comes back later, so start and goal agree
+    returns: bool  # the sign is the same at the start and at the end
+    touches: bool = False  # the zero is met from one side: the sign does not change there
 
     def to_json(self) -> dict[str, Any]:
-        return {"which": self.which, "t": self.time, "returns": self.returns, **self.state}
+        known = {"which": self.which, "t": self.time, "returns": self.returns, "touches": self.touches}
+        return {**known, **self.state}
 
 
 @dataclass(frozen=True)

@@ -27,8 +27,8 @@ class Task:
     e stacks, block by block and then output by output: x - x_d of a vector, log(R R_dᵀ) of a rotation, [Paper] eq. (8),
     y - y_d of an output, and for a direction the rotation vector from y_d to y, which has two numbers in the plane
     perpendicular to y_d. A goal in some of the coordinates only, or in a function of them, is a task function.
-    error_length: the length that counts as much as one radian in E; scale: the mechanism's own length, by which
-    lengths are divided in the linear algebra, so that a rank depends on no unit.
+    error_length: the length that counts as much as one radian in E; scale: the problem's own length, by which lengths
+    are divided in the linear algebra, so that a rank depends on no unit.
     """
 
     system: System
@@ -174,6 +174,7 @@ class AlikeTasks:
     def __init__(self, tasks: Sequence[Task]) -> None:
         self.first = tasks[0]
         self._wanted = np.stack([task._wanted for task in tasks])
+        self.scales = np.stack([task.scales for task in tasks])
 
     def differences(self, places: Array, points: Array) -> tuple[Array, Array]:
         """e (k, size), unweighted, of the tasks at these places, each at its point (k, n); which have one, (k,)."""

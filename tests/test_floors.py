@@ -13,7 +13,7 @@ ROOT = Path(__file__).parents[1] / "nhpocp"
 FLOORS = {
     0: ("arrays", "calls", "deferred", "errors", "machine", "so3", "state_space"),
     1: ("systems", "controls"),
-    2: ("flow", "solution", "problem", "task", "constraints", "objectives"),
+    2: ("flow", "solution", "problem", "task", "constraints", "objectives", "scales"),
     3: ("solvers",),
     4: ("planning", "batch", "verification", "comparison", "analysis", "views"),
     5: ("problem_file", "solution_folder", "comparison_folder", "analysis_folder", "sweep", "diagnosis"),
@@ -25,7 +25,7 @@ CHAINS = [  # inside a floor: a group may import the groups to its right, never 
     ["controls", "controls.basis", "controls.table"],
     ["systems", "systems.system"],
     ["flow.end_point_map flow.simulation", "flow.variational", "flow.integrators flow.kernels"],
-    ["solution", "problem", "task constraints objectives"],
+    ["solution", "problem", "scales", "task constraints objectives"],
     ["solvers.lockstep", "solvers.strategies", "solvers.continuation", "solvers.generalized_inverses"],
     ["solvers.strategies", "solvers.multiple_shooting", "solvers.generalized_inverses"],
     ["comparison batch", "planning", "verification"],

@@ -24,12 +24,12 @@ from nhpocp.flow import bundle_source, kernel_build, kernel_cache, kernel_source
 from nhpocp.flow.dynamics import Dynamics, dynamics
 from nhpocp.flow.end_point_map import DifferentiatedEndPointMap
 from nhpocp.flow.integrators import RungeKutta4
-from nhpocp.flow.kernel_cache import NotCompilableError
+from nhpocp.flow.kernel_cache import NotCompilableError, agree
 from nhpocp.flow.kernel_source import _accessed
 from nhpocp.flow.kernels import Compiled, CompiledWhenReady, Interpreted
 from nhpocp.flow.runge_kutta import Ends, Scheme, scheme
 from nhpocp.problem import Horizon, PlanningProblem
-from nhpocp.problem_file import parse_problem
+from nhpocp.problem_file import load_problem, parse_problem
 from nhpocp.problem_file.registry import SYSTEMS
 from nhpocp.problem_file.starters import starter
 from nhpocp.solvers import interval
@@ -42,8 +42,12 @@ from nhpocp.solvers.transcription import Transcription
 from nhpocp.systems.numeric import NumericSystem
 from nhpocp.systems.three_upu import ThreeUPU
 
-needs_compiler = pytest.mark.skipif(machine.c_compiler() is None, reason="no C compiler")
-QUICKLY = (("-O0", "-fPIC", "-shared"),)  # to compile; what matters here is what is done with the result
+needs_compiler = pytest.mark.skipif(not machine.c_compiler(), reason="no C compiler")
+QUICKLY = (  # to compile; what matters here is what is done with the result, which shall round otherwise than CasADi
+    ("-O0", "-mfpmath=387", "-fPIC", "-shared"),
+    ("-O0", "-fPIC", "-shared"),
+)
+PROBLEMS = Path(__file__).parents[1] / "problems"
 BASES = [Fourier(2), Fourier(7), PiecewiseConstant(9)]
 WORKER = """
 import os, sys
@@ -272,7 +276,7 @@ def test_without_a_compiler_the_answer_is_the_same(numbers, cache, caplog, monke
     for _ in range(2):
         np.testing.assert_array_equal(numbers(Compiled()), expected)
     assert [record.message for record in caplog.records] == [
-        "nhpocp: no C compiler was found: CasADi's own evaluation is used, slower"
+        "nhpocp: no C compiler was found (CC is '/no/such/compiler'): CasADi's own evaluation is used, slower"
     ]
     assert stored(cache) == []
 
@@ -419,7 +423,8 @@ def test_bundles_as_they_are_built_in_earnest(cache):
 
 @needs_compiler
 @pytest.mark.parametrize("model", SYSTEMS)
-def test_every_system_has_the_same_nlp_compiled(model, cache, quick):
+def test_every_system_has_the_same_nlp_compiled(model, cache, caplog, quick):
+    """Along guesses that are paths themselves: what is left of their gaps is rounding."""
     problem = replace(parse_problem(starter(model)), bounds=[])
     free = replace(problem, horizon=Horizon(1.0, 0.5, 3.0), objective="path_length")
     for given, settings in ((problem, {}), (free, {"basis": problem.basis, "steps": 2})):
@@ -429,7 +434,34 @@ def test_every_system_has_the_same_nlp_compiled(model, cache, quick):
         for found, expected in zip(compiled, interpreted, strict=True):
             scale = max(1.0, np.abs(expected).max())
             np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * scale)
+    assert caplog.text == ""
     assert len(stored(cache)) == 2
+
+
+@needs_compiler
+@pytest.mark.parametrize("name", ["heisenberg", "rolling_sphere", "unicycle", "veselova_joint"])
+def test_a_kernel_is_kept_where_the_guess_is_the_solution(name, cache, caplog, quick):
+    problem = load_problem(PROBLEMS / f"{name}.yaml")
+    solver = replace(problem.solvers["nlp"], kernels=Compiled(), intervals=20)
+    for _ in range(3):
+        plan = solver.solve(problem).control
+        forget()
+        problem = replace(problem, basis=plan.basis, initial=plan.coefficients)
+        kept = stored(cache)
+        assert len(kept) == 1
+    assert caplog.text == ""
+
+
+def test_what_all_but_cancels_is_held_against_its_terms():
+    """x + y with x = -y to ten digits: rounding of x is large beside the sum, and a mistake is larger."""
+    x = np.array([30.0])
+    y = np.array([-30.0 + 1e-9])
+    expected, nearby = [x + y], [1.000000001 * x + y]
+    assert agree([x * (1 + 4e-16) + y], expected, nearby)
+    assert not agree([x * (1 + 1e-7) + y], expected, nearby)
+    for wrong in (np.nan, np.inf):
+        assert not agree([np.array([wrong])], expected, nearby)
+    assert not agree([np.array([1.0, 2.0])], [np.array([1.0, np.inf])], [np.array([1.0, np.inf])])
 
 
 @needs_compiler

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
 import pytest
 from conftest import PAPER_START, paper_problem
 
+import nhpocp.verification.replay as module
+from nhpocp.controls.bspline import BSpline
 from nhpocp.controls.control import Control
 from nhpocp.controls.fourier import Fourier
+from nhpocp.controls.legendre import Legendre
 from nhpocp.controls.piecewise_constant import PiecewiseConstant
+from nhpocp.controls.projection import project
+from nhpocp.controls.sequence import SequenceBasis
 from nhpocp.systems.numeric import NumericSystem
-from nhpocp.verification.crossings import sign_changes
+from nhpocp.verification.crossings import TOUCH, sign_changes, touches
 from nhpocp.verification.replay import inputs_on_piece, integrate, replay, sample
 
 
@@ -53,7 +59,11 @@ def test_sampling_gives_both_sides_of_a_breakpoint():
     assert samples.controls[at_jump, 0].tolist() == [-1.0, 5.0]
 
 
-BASES = [Fourier(0), Fourier(1), Fourier(30), PiecewiseConstant(1), PiecewiseConstant(7), JumpingRamp()]
+BASES = [
+    *(Fourier(0), Fourier(1), Fourier(30), PiecewiseConstant(1), PiecewiseConstant(7), JumpingRamp()),
+    *(Legendre(7), Legendre(8), BSpline(1, 4), BSpline(3, 1), BSpline(3, 9), BSpline(9, 3)),
+    SequenceBasis((Fourier(2), BSpline(2, 3)), (0.3, 0.7)),
+]
 
 
 @pytest.mark.parametrize("basis", BASES, ids=lambda basis: f"{type(basis).__name__} {basis.size}")
@@ -69,19 +79,47 @@ def test_inputs_on_a_piece_are_the_controls(basis, horizon):
         np.testing.assert_allclose(inputs(last), control(np.array([last]), "left")[0], atol=1e-14)
 
 
-def test_a_constant_piece_is_evaluated_once():
+@pytest.mark.parametrize("kind", [PiecewiseConstant, partial(BSpline, 3)], ids=["constants", "splines"])
+def test_a_polynomial_piece_is_tabulated_once(kind):
     """The law of what a replay costs, in place of a stopwatch."""
     looked = []
+    basis = kind(intervals=20)
 
-    class Counting(PiecewiseConstant):
+    class Counting(type(basis)):
         def table(self, times, horizon, side="right"):
             looked.append(len(times))
             return super().table(times, horizon, side)
 
-    problem, middles = paper_problem(), np.arange(20) / 20 + 0.025
-    control = Control(Counting(20), Control(Fourier(2), PAPER_START)(middles).T)
+    problem, counted = paper_problem(), Counting(**basis.parameters())
+    control = Control(counted, project(Control(Fourier(2), PAPER_START), basis).coefficients)
     replay(NumericSystem(problem.system), control, problem.start_point)
     assert len(looked) == 20
+
+
+def _rate(time, state, inputs):
+    return inputs
+
+
+@pytest.mark.parametrize(
+    "basis", [PiecewiseConstant(200), Fourier(40), Fourier(1)], ids=lambda basis: basis.kind
+)
+def test_a_path_of_many_steps_is_followed_to_its_end(basis, monkeypatch):
+    """However many pieces a control has, and however fast it turns: both add to what is allowed."""
+    monkeypatch.setattr(module, "MOST_STEPS", 50)
+    coefficients = np.zeros((1, basis.size))
+    coefficients[0, -2:] = 1.0
+    path = integrate(_rate, Control(basis, coefficients), np.zeros(1))
+    assert path.stopped is None
+    assert path.reached == 1.0
+    expected = Control(basis, coefficients).integral(np.array([1.0]))[0]
+    np.testing.assert_allclose(path.at(1.0), expected, atol=1e-9)
+
+
+def test_a_path_that_needs_too_many_steps_is_said_to():
+    """ẋ = cos(1e6 t) has no step that is too short, only too many."""
+    path = integrate(lambda t, x, u: np.cos([1e6 * t]), Control(Fourier(0), [[0.0]]), np.zeros(1))
+    assert path.stopped == "5020 steps were not enough for the smooth piece from t=0 to 1"
+    assert 0 < path.reached < 1
 
 
 def test_equal_pieces_lead_where_one_constant_does():
@@ -105,3 +143,37 @@ def test_sign_changes_are_found_to_nine_digits(zeros):
 def test_touching_zero_is_no_change_of_sign():
     times = np.linspace(0, 1, 101)
     assert sign_changes(lambda t: (t - 0.503) ** 2 + 1e-9, times, (times - 0.503) ** 2 + 1e-9) == []
+
+
+@pytest.mark.parametrize("zero", [0.0, 0.5, 0.50321, 0.505, 1.0])
+@pytest.mark.parametrize("shape", [abs, np.square], ids=["corner", "parabola"])
+def test_a_touch_is_found_once_wherever_it_lies(zero, shape):
+    def function(t):
+        return float(shape(3.0 * (t - zero)))
+
+    times = np.linspace(0, 1, 101)
+    values = np.array([function(t) for t in times])
+    (found,) = touches(function, times, values)
+    assert found == pytest.approx(zero, abs=1e-4 if shape is np.square else 3e-8)
+    assert touches(function, times, values, crossed=[zero]) == []  # it is known by another name
+
+
+@pytest.mark.parametrize("zero", [0.0, 0.5, 0.50321, 1.0])
+@pytest.mark.parametrize("shape", [abs, np.square], ids=["corner", "parabola"])
+def test_what_only_comes_near_is_no_touch(zero, shape):
+    def function(t):
+        return float(shape(3.0 * (t - zero))) + 1.01 * TOUCH
+
+    times = np.linspace(0, 1, 101)
+    assert touches(function, times, np.array([function(t) for t in times])) == []
+
+
+def test_stretches_of_zeros_are_one_touch_each():
+    def function(t):
+        return max(0.0, abs(t - 0.2) - 0.1) * max(0.0, abs(t - 0.7) - 0.1)
+
+    times = np.linspace(0, 1, 101)
+    first, second = touches(function, times, np.array([function(t) for t in times]))
+    assert 0.0999 < first < 0.3001
+    assert 0.5999 < second < 0.8001
+    assert len(touches(lambda t: 0.0, times, np.zeros(101))) == 1

@@ -24,6 +24,7 @@ from nhpocp.systems.numeric import NumericSystem
 from nhpocp.systems.system import System
 from nhpocp.systems.three_upu import ThreeUPU
 from nhpocp.verification import verify
+from nhpocp.verification.replay import Watch
 
 START = {"position": [0, 0, 25], "orientation": so3.from_rpy(np.array([0, 0, -np.pi / 6]))}
 GOAL = {"position": [-0.4, -0.2, 35], "orientation": so3.from_rpy(np.array([0, 0, -np.pi / 2]))}
@@ -353,6 +354,44 @@ def test_parallel_singularities_of_the_conjecture():
     assert verdict.original.reached == pytest.approx(first.time, abs=1e-3)
     assert sum("det W changes its sign" in warning for warning in verdict.warnings) == 2
     assert sum("can be followed only to" in warning for warning in verdict.warnings) == 1
+
+
+def on_the_axis(form: str) -> Solution:
+    """Up along the axis of `paper_conjecture`, where det W has a double zero at cos ψ = B/A, and W rank 4."""
+    robot = ThreeUPU.preset("paper_conjecture", form=form)
+    goal = {"position": [0, 0, 36.06993827482299], "orientation": GOAL["orientation"]}
+    problem = PlanningProblem(system=robot, start=START, goal=goal, basis=Fourier(0))
+    if form == "feedback":
+        return stored(problem, problem.control(np.array([[0.0], [0.0], [np.pi / 3]])), 1e-6)
+    leg = robot.legs[0]
+    lengths = [
+        np.linalg.norm(pose["position"] + pose["orientation"] @ np.array(leg.platform) - np.array(leg.base))
+        for pose in (START, goal)
+    ]
+    return stored(problem, problem.control(np.full((3, 1), lengths[1] - lengths[0])), 1e-6)
+
+
+def test_a_determinant_that_touches_zero_is_a_crossing():
+    verdict = verify(on_the_axis("feedback"))
+    assert verdict.ok, verdict.reasons  # (7) does not divide by det W
+    (touch,) = verdict.crossings
+    assert (touch.which, touch.touches, touch.returns) == ("det_w", True, True)
+    assert np.cos(touch.state["yaw"]) == pytest.approx(5 / 15, abs=1e-6)
+    assert touch.time == pytest.approx(0.67548, abs=1e-5)
+    assert [warning for warning in verdict.warnings if "det W touches zero at t=0.67548" in warning]
+    assert not verdict.original.ok
+    assert verdict.original.error is None
+    assert verdict.original.reached == touch.time
+
+
+@pytest.mark.parametrize("stepped_over", [False, True])
+def test_equations_that_divide_by_what_touches_zero_are_not_trusted(stepped_over, monkeypatch):
+    if stepped_over:  # as an integrator's steps may do
+        monkeypatch.setattr(Watch, "look", lambda watch, dense, low, high: (high, None))
+    verdict = verify(on_the_axis("original"))
+    assert not verdict.ok
+    assert [reason for reason in verdict.reasons if "det W, by which these equations divide" in reason]
+    assert (verdict.error is None) != stepped_over
 
 
 class Unicycle(System):

@@ -235,7 +235,7 @@ def _path(
     numeric, states, generic = numeric_system(problem.system), path(times), grown.generic
     crossings: Sequence[Crossing] = ()
     if len(times) > 1:
-        crossings = find_crossings(numeric, path, np.linspace(0.0, path.reached, FINE))
+        crossings = find_crossings(numeric, path, np.linspace(0.0, path.reached, FINE), problem.scale)
     return PathAnalysis(
         times,
         states,

@@ -6,6 +6,7 @@ Exit status: 0 solved and verified, 1 not (everything is still written), 2 bad i
 from __future__ import annotations
 
 import gc
+import logging
 import os
 import sys
 from collections.abc import Sequence
@@ -31,6 +32,7 @@ def main() -> None:
     """The program `nhpocp`."""
     # pydantic would look through every installed package for plugins, a tenth of the time of `check`
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # where it keeps its fonts is nobody's worry
     gc.set_threshold(100_000)  # looking for circles of garbage at every turn took a tenth of `solve`
     arguments = sys.argv[1:]
     if "--debug" in arguments:  # wherever it stands

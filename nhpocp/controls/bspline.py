@@ -67,20 +67,21 @@ class BSpline(ControlBasis):
         return self.local_table(times, horizon, side).dense()
 
     def local_table(self, times: Array, horizon: float, side: Side = "right") -> Table:
-        """The degree + 1 functions that are not zero on the interval of each time; [de Boor], ch. X (8)."""
+        # the degree + 1 functions that are not 0 on an interval begin with the one of its number
         place = np.asarray(self._steps.local_table(times, horizon, side).first)
-        share, knots, span = np.asarray(times, dtype=float) / horizon, self.knots(1.0), place + self.degree
-        values = np.zeros((len(share), self.degree + 1))
-        values[:, 0] = 1.0
-        for degree in range(1, self.degree + 1):
-            saved = np.zeros(len(share))
-            for r in range(degree):
-                after, before = knots[span + r + 1], knots[span + r + 1 - degree]
-                part = values[:, r] / (after - before)
-                values[:, r] = saved + (after - share) * part
-                saved = (share - before) * part
-            values[:, degree] = saved
-        return Table(values, self.size, place)
+        return Table(self._local(np.asarray(times, dtype=float) / horizon, place), self.size, place)
+
+    def _local(self, share: Array, place: Array) -> Array:
+        """The functions that are not 0 on the intervals ``place`` (k,), at shares of the horizon, (k, degree + 1)."""
+        knots, found = self.knots(1.0), np.ones((len(share), 1))
+        for degree in range(1, self.degree + 1):  # the recurrence of Cox and de Boor, on one interval
+            ends = place[:, None] + self.degree + np.arange(1, degree + 1)
+            low, high = knots[ends - degree], knots[ends]
+            part = found / (high - low)
+            found = np.zeros((len(share), degree + 1))
+            found[:, :-1] += (high - share[:, None]) * part
+            found[:, 1:] += (share[:, None] - low) * part
+        return found
 
     def derivative_table(self, times: Array, horizon: float, side: Side = "right") -> Array:
         if self.degree == 0:
@@ -119,8 +120,11 @@ class BSpline(ControlBasis):
     @classmethod
     def from_json(cls, data: Mapping[str, Any]) -> tuple[Self, Array]:
         coefficients = np.asarray(data["coefficients"], dtype=float)
-        found = cls(int(data["degree"]), coefficients.shape[1] - int(data["degree"]))
-        knots, expected = np.asarray(data["knots"], dtype=float), found.knots(data["horizon"])
+        knots, degree = np.asarray(data["knots"], dtype=float), int(data["degree"])
+        if not len(coefficients):  # no inputs
+            coefficients = coefficients.reshape(0, len(knots) - degree - 1)
+        found = cls(degree, coefficients.shape[1] - degree)
+        expected = found.knots(data["horizon"])
         if knots.shape != expected.shape or np.abs(knots - expected).max() > 1e-9 * data["horizon"]:
             raise InvalidProblemError(
                 "knots that are not uniform and clamped; only equal intervals are supported",

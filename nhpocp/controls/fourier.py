@@ -73,6 +73,8 @@ class Fourier(ControlBasis):
     @classmethod
     def from_json(cls, data: Mapping[str, Any]) -> tuple[Self, Array]:
         coefficients = np.asarray(data["coefficients"], dtype=float)
+        if not len(coefficients):  # no inputs: a list of no rows does not say how long they are
+            return cls(0), coefficients.reshape(0, 1)
         return cls((coefficients.shape[1] - 1) // 2), coefficients
 
     def to_json(self, coefficients: Array, horizon: float) -> dict[str, Any]:

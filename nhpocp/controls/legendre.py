@@ -71,6 +71,8 @@ class Legendre(ControlBasis):
     @classmethod
     def from_json(cls, data: Mapping[str, Any]) -> tuple[Self, Array]:
         coefficients = np.asarray(data["coefficients"], dtype=float)
+        if not len(coefficients):  # no inputs
+            return cls(int(data["degree"])), coefficients.reshape(0, int(data["degree"]) + 1)
         return cls(coefficients.shape[1] - 1), coefficients
 
     def to_json(self, coefficients: Array, horizon: float) -> dict[str, Any]:

@@ -47,7 +47,9 @@ class BundleKernel:
         arrays = grid.h, grid.nodes, start, np.ascontiguousarray(controls), work, ends, watched, gathered
         h, nodes, *others = map(address, arrays)
         self._bundle(steps, h, nodes, count, others[0], groups, *others[1:])
-        derivatives = [grid.samples.transposed(part.reshape(count, -1)) for part in gathered]
+        derivatives = [
+            grid.samples.transposed(part.reshape(count, scheme.rows * inputs * LANES)) for part in gathered
+        ]
         shape = more, size, scheme.rows, inputs, LANES
         by_lane = (
             ends.swapaxes(1, 2),

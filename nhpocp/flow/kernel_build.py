@@ -7,14 +7,20 @@ from __future__ import annotations
 
 import hashlib
 import os
+import platform
 import shutil
 import subprocess
 import sys
+import tempfile
+import time
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
 PATIENCE = 300.0  # seconds for the compiler
-SOURCE, SUFFIX = "kernel.c", ".so"
+STALE = 600.0  # seconds after which a build counts as given up, whoever was at it
+SOURCE, OWNER, SUFFIX = "kernel.c", "owner", ".so"
+BUILDING = ".building-"  # what the names of workshops begin with
 FAST = (
     "-O3",
     "-march=native",
@@ -36,7 +42,52 @@ def digest(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()[:32]
 
 
-def build(workshop: Path, key: str, compiler: str) -> str:
+def new_workshop(folder: Path, source: str) -> Path:
+    """A workshop with a source, whole; errors: `OSError`, and nothing is left."""
+    workshop = Path(tempfile.mkdtemp(prefix=BUILDING, dir=folder))
+    try:
+        (workshop / SOURCE).write_text(source, encoding="utf-8")
+    except OSError:
+        shutil.rmtree(workshop, ignore_errors=True)
+        raise
+    return workshop
+
+
+def claimed(workshop: Path, key: str) -> Path | None:
+    """The workshop under the one name that a key has, for this process to build in; None where another is at it.
+
+    A rename brings the owner's name along: no claim is ever half made, on a full disk neither.
+    """
+    place = workshop.parent / f"{BUILDING}{key}"
+    try:
+        (workshop / OWNER).write_text(f"{platform.node()} {os.getpid()}", encoding="utf-8")
+        workshop.rename(place)
+    except OSError:
+        shutil.rmtree(workshop, ignore_errors=True)
+        return None
+    return place
+
+
+def busy(place: Path) -> bool:
+    """Whether somebody builds at a place: not if its owner, a process of this machine, has gone, nor for ever.
+
+    Caches lie on shared disks too, where other machines' processes cannot be seen and clocks differ.
+    """
+    try:
+        age = time.time() - place.stat().st_mtime
+        machine, _, process = (place / OWNER).read_text(encoding="utf-8").rpartition(" ")
+        if abs(age) > STALE:
+            return False
+        if machine == platform.node() and os.name == "posix":  # elsewhere asking would end it
+            os.kill(int(process), 0)
+    except PermissionError:
+        return True  # another user's
+    except (OSError, ValueError, OverflowError):
+        return False
+    return True
+
+
+def build(workshop: Path, key: str, compiler: Sequence[str]) -> str:
     """Compiles the source in the workshop; "" or why it failed.
 
     The workshop goes, the kernel then stands beside it; its name ends in the digest of its content, which shows damage.
@@ -44,7 +95,7 @@ def build(workshop: Path, key: str, compiler: str) -> str:
     target, said = workshop / f"kernel{SUFFIX}", "no flags"
     try:
         for flags in FLAGS:
-            command = [compiler, *flags, SOURCE, "-o", target.name, "-lm"]
+            command = [*compiler, *flags, SOURCE, "-o", target.name, "-lm"]
             done = subprocess.run(
                 command,
                 cwd=workshop,
@@ -68,4 +119,6 @@ def build(workshop: Path, key: str, compiler: str) -> str:
 if __name__ == "__main__":
     with suppress(AttributeError, OSError):
         os.nice(19)
-    build(Path(sys.argv[1]), sys.argv[2], sys.argv[3])
+    at_work = claimed(Path(sys.argv[1]), sys.argv[2])
+    if at_work:
+        build(at_work, sys.argv[2], sys.argv[3:])

@@ -13,7 +13,7 @@ from typing import Protocol, TypeVar
 from nhpocp.arrays import Array
 from nhpocp.flow import bundle_kernel, bundle_source, kernel_source, shot_source, sweep_kernel
 from nhpocp.flow.bundle_kernel import BundleKernel
-from nhpocp.flow.kernel_cache import Place, agree
+from nhpocp.flow.kernel_cache import Place, agree, nudged
 from nhpocp.flow.kernel_source import LANES
 from nhpocp.flow.runge_kutta import Bundle, Ends, Scheme, Sweep, Swept, ends_of
 from nhpocp.flow.shot import Shot, Shots
@@ -25,6 +25,7 @@ SOLVE = 4.6e-6  # seconds that a solve takes, roughly, for each instruction (`Sh
 
 K = TypeVar("K")
 R = TypeVar("R")
+T = TypeVar("T", Sweep, Bundle)
 Trial = Callable[[], tuple[Array, Array]]
 
 
@@ -53,15 +54,15 @@ class _Way(ABC):
 
     def swept(self, scheme: Scheme, sweep: Sweep) -> Swept:
         def agrees(kernel: SweepKernel) -> bool:
-            trial = sweep.first(TRIED_STEPS)
-            return agree(kernel.swept(trial), scheme.swept(trial))
+            trial = sweep.trial(TRIED_STEPS)
+            return agree(kernel.swept(trial), scheme.swept(trial), scheme.swept(_nudged(trial)))
 
         return self._done(_of_sweeps(scheme), agrees, lambda k: k.swept(sweep), lambda: scheme.swept(sweep))
 
     def bundled(self, scheme: Scheme, bundle: Bundle) -> Ends:
         def agrees(kernel: BundleKernel) -> bool:
             trial = bundle.trial(LANES + 1, TRIED_STEPS)
-            return agree(kernel.bundled(trial), scheme.bundled(trial))
+            return agree(kernel.bundled(trial), scheme.bundled(trial), scheme.bundled(_nudged(trial)))
 
         def one_by_one() -> Ends:
             return ends_of([self.swept(scheme, sweep) for sweep in bundle.sweeps()])
@@ -124,6 +125,11 @@ class CompiledWhenReady(_Way):
         if due and os.environ.get("NHPOCP_COMPILE") != "never":
             place.look(agrees, self.patience)
         return place.kernel
+
+
+def _nudged(trial: T) -> T:
+    """The same from a start and under controls that are `nudged`."""
+    return trial._replace(start=nudged(trial.start), coefficients=nudged(trial.coefficients))
 
 
 @lru_cache(maxsize=64)

@@ -25,6 +25,7 @@ from nhpocp.flow.dynamics import Dynamics
 TABLEAU = ((0.0, 0, 1.0), (0.5, 1, 2.0), (0.5, 1, 2.0), (1.0, 2, 1.0))
 SLICE = 4096  # steps that CasADi evaluates at once: its memory for them grows with their number
 PLACES = np.array([place for _, place, _ in TABLEAU])
+APART = 1 / 64  # between the controls that a kernel is tried on
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,20 +58,21 @@ class Sweep(NamedTuple):
     def h(self) -> Array:
         return self.grid.h
 
-    def first(self, steps: int) -> Sweep:
-        """A shorter one, with one stop at its end."""
+    def trial(self, steps: int) -> Sweep:
+        """A shorter one with one stop at its end, under a control near the given one, which may be nothing."""
         grid = self.grid.first(steps)
-        return self._replace(grid=grid, stops=(len(grid.h),))
+        return self._replace(grid=grid, stops=(len(grid.h),), coefficients=_apart(self.coefficients, APART))
 
     def controls(self) -> Array:
         """u at the start, middle and end of each step, (steps, 3, m)."""
         return self.grid.samples.controls(self.coefficients)[self.grid.nodes]
 
     def by_coefficients(self, gathered: Array) -> Array:
-        """Derivatives by λ, (rows, m·size), from those by the controls at the samples, (samples, rows · m)."""
+        """Derivatives by λ, (rows, m·size), from those by the controls at the samples, (samples, rows, m)."""
         inputs, size = self.coefficients.shape
-        found = self.grid.samples.transposed(gathered.reshape(len(gathered), -1))
-        return found.T.reshape(-1, inputs * size)
+        count, rows, _ = gathered.shape
+        found = self.grid.samples.transposed(gathered.reshape(count, rows * inputs))
+        return found.T.reshape(rows, inputs * size)
 
 
 class Swept(NamedTuple):
@@ -96,9 +98,14 @@ class Bundle(NamedTuple):
 
     def trial(self, number: int, steps: int) -> Bundle:
         """So many shorter ones, no two alike, differentiated."""
-        apart = np.arange(number)[:, None, None] / 64.0  # added too, for none may be all that is given
-        coefficients = (1.0 + apart) * self.coefficients.take(np.arange(number), axis=0, mode="wrap") + apart
-        return Bundle(self.start, self.grid.first(steps), coefficients, True)
+        taken = self.coefficients.take(np.arange(number), axis=0, mode="wrap")
+        apart = APART * np.arange(number)[:, None, None]
+        return Bundle(self.start, self.grid.first(steps), _apart(taken, apart), True)
+
+
+def _apart(coefficients: Array, share: Any) -> Array:
+    """Other controls, by that share of what is given and as much besides: nothing may be all that is given."""
+    return np.asarray((1.0 + share) * coefficients + share)
 
 
 class Ends(NamedTuple):

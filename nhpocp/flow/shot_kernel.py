@@ -14,9 +14,10 @@ import numpy as np
 from nhpocp.arrays import Array
 from nhpocp.calls import call, mapped
 from nhpocp.flow import kernel_source, shot_source
-from nhpocp.flow.kernel_cache import address, agree, identified
+from nhpocp.flow.kernel_cache import address, agree, identified, nudged
 from nhpocp.flow.shot import Shot
 
+ASIDE = 0.01  # of the variables, or of one: how far from the guess a kernel is tried
 _ORDER = ("w", "p", "sigma", "multipliers", "cost", "outputs", "gradient", "jacobian", "hessian")
 
 
@@ -129,14 +130,18 @@ class _Called(ca.Callback):
 
 
 def tried(kernel: ShotKernel, shot: Shot, w: Array, p: Array) -> bool:
-    """Whether a kernel says what CasADi says at some intervals (k, ·), in all of them along one random direction.
+    """Whether a kernel says what CasADi says near some intervals (k, ·), in all of them along one random direction.
 
-    An error in one entry of a matrix shows in the product with a vector that no symmetry has chosen.
+    An error in one entry of a matrix shows in the product with a vector that no symmetry has chosen, and one that a
+    control of zero would hide shows beside it.
     """
     chance, k = np.random.default_rng(0), len(w)
+    w = w + ASIDE * (1.0 + np.abs(w)) * chance.normal(size=w.shape)
     sigma, multipliers = chance.normal(size=k), chance.normal(size=(k, shot.outputs))
     direction = np.tile(chance.normal(size=shot.variables), (k, 1))
-    expected = call(mapped(shot.directional, k), w, p, sigma, multipliers, direction)
+    weights = sigma, multipliers, direction
+    expected = call(mapped(shot.directional, k), w, p, *weights)
+    nearby = call(mapped(shot.directional, k), nudged(w), nudged(p), *weights)
     shots = KernelShots(kernel, shot, k)
     cost, gradient = call(shots.gradient, w, p)
     outputs, jacobian = call(shots.jacobian, w, p)
@@ -145,4 +150,4 @@ def tried(kernel: ShotKernel, shot: Shot, w: Array, p: Array) -> bool:
         np.einsum("kji,kj->ki", matrix.reshape(k, shot.variables, -1), direction)
         for matrix in (jacobian, hessian)
     ]
-    return agree([cost, outputs, gradient, *along], expected)
+    return agree([cost, outputs, gradient, *along], expected, nearby)

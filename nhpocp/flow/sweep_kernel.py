@@ -64,8 +64,7 @@ class SweepKernel:
         )
         path, gathered, watched = found[:first], found[first:second], found[second:]
         derivatives = [
-            sweep.by_coefficients(part)
-            for part in gathered.reshape(stops, count, scheme.rows * scheme.inputs)
+            sweep.by_coefficients(part) for part in gathered.reshape(stops, count, scheme.rows, scheme.inputs)
         ]
         shape = stops, scheme.rows, sweep.coefficients.size
         return Swept(

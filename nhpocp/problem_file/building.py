@@ -13,7 +13,7 @@ from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Any
 
 from nhpocp.errors import InvalidProblemError, MissingDependencyError
-from nhpocp.machine import c_compiler
+from nhpocp.machine import c_compiler, without_compiler
 from nhpocp.problem_file.control import ControlBlock
 from nhpocp.problem_file.plugins import words
 from nhpocp.problem_file.reading import ProblemFile, read, read_text
@@ -196,10 +196,9 @@ def control_from_json(data: Mapping[str, Any]) -> Control:
 
 def _build_solvers(data: ProblemData) -> dict[str, Any]:
     """Both solvers; the NLP's `initial: jacobian` is the file's own Jacobian method."""
-    if data.solvers.compile == "always" and c_compiler() is None:
+    if data.solvers.compile == "always" and not c_compiler():
         raise MissingDependencyError(
-            "solvers.compile: `always` needs a C compiler, and none was found (CC, cc, gcc, clang); "
-            "install one, or write `auto`"
+            f"solvers.compile: `always` needs a C compiler, but {without_compiler()}; install one, or write `auto`"
         )
     kernels = _available("solvers.compile", data.solvers.compile)()
     jacobian = build_solver("jacobian", data.solvers.jacobian, kernels=kernels)

@@ -57,7 +57,8 @@ class ProblemFile:
             **{name: self.data.system[name] for name in ("model", "preset") if name in self.data.system},
             **self.system.parameters(),
         }
-        data["length_scale"] = self.data.length_scale or self.system.default_length_scale()
+        known = self.data.length_scale, self.system.own_length, self.data.error_length
+        data["length_scale"] = next(length for length in known if length)
         return data
 
     def located(self, error: InvalidProblemError, at_key: bool = False) -> InvalidProblemError:

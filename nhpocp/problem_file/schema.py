@@ -186,7 +186,7 @@ class ProblemData(Strict):
     error_length: Positive = Field(default=1.0, description="length that counts as much as one radian in E")
     length_scale: Positive | None = Field(
         default=None,
-        description="divides the rotation columns of S and W; default: the mechanism's own length",
+        description="divides the rotation columns of S and W; default: the mechanism's own length, else error_length",
     )
     via: Annotated[list[ViaData], BeforeValidator(_none_is_empty_list)] = Field(
         default_factory=list, description="poses to pass on the way"

@@ -237,7 +237,7 @@ def _verdict(stored: StoredSolution, verified: StoredVerdict, problem: PlanningP
         original=Replay(original.error, original.reached_t, original.ok, original.agreement)
         if original
         else None,
-        crossings=[Crossing(entry.which, entry.t, entry.state, entry.returns) for entry in stored.crossings],
+        crossings=[Crossing(c.which, c.t, c.state, c.returns, c.touches) for c in stored.crossings],
         bounds=reports,
     )
 

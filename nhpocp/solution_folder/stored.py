@@ -56,6 +56,7 @@ class StoredCrossing(Stored):
     which: str
     t: float
     returns: bool
+    touches: bool = False  # folders of 0.1 know changes of sign alone
 
     @property
     def state(self) -> dict[str, Any]:

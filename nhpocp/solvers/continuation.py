@@ -195,6 +195,7 @@ class _Run:
                 ended
                 and ended[0] is Outcome.CONVERGED
                 and (self.solver.objective != "none" or self.problem.bounds)
+                and current.coefficients.size  # without inputs there is nothing to choose
             ):
                 return self.improve(current, ended[1])
             if ended:

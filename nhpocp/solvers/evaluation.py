@@ -106,9 +106,10 @@ class Evaluator:
     def looked_at(self, evaluation: Evaluation) -> dict[str, float | None]:
         """What only a reader of a record asks for: J's rank, the least σ of it and of every regularity matrix."""
         direction, finite = evaluation.direction, _finite(evaluation.end.path)
+        values = direction.singular_values if direction else np.empty(0)  # empty too where there is no input
         return {
             "rank": direction.rank if direction else None,
-            "sigma_jacobian": float(direction.singular_values[-1]) if direction else None,
+            "sigma_jacobian": float(values[-1]) if len(values) else None,
             **(self.numeric.least_sigmas(finite, self.problem.scale) if len(finite) else {}),
         }
 

@@ -33,7 +33,7 @@ class Start:
     """A seeded control Λ (inputs × size) whose path is finite and on one side of every singular surface.
 
     conditioning: least over largest singular value of the Jacobian, lengths divided by the problem's, among rows and
-    inputs; 0 where it has fewer columns than rows.
+    inputs; 0 where it has fewer columns than rows, 1 without inputs.
     """
 
     coefficients: Array
@@ -75,6 +75,8 @@ def seeded_start(
     """
     best: Start | None = None
     rows, columns = _size(problem)
+    if not columns:  # there is but one control, and the drift decides
+        return Start(np.zeros((0, problem.basis.size)), 1.0)
     for draw, start in _drawn_starts(problem, end_point_map, seed, draws):
         if start and (best is None or start.conditioning > best.conditioning):
             best = start

@@ -67,7 +67,7 @@ class Interval:
             places[-1, -1] = self.nodes + len(self.rows) - 1
             expressions.append(horizon)
         # continuity as s_{k+1} - F_k = 0, the sign that fatrop asks for
-        closed = ca.vertcat(self._cost(s, interval * horizon, y[-1]), -after, -s[: self.statics])
+        closed = ca.vertcat(self._cost(s, interval * horizon, y[-1]), -after, -s[: self.statics, :])
         first, others = (z, s, constants, phi), (y, s, constants, phi)
         opened = ca.vertcat(space.chart(self.scales * z, here), 0)
         return Shot(
@@ -105,7 +105,7 @@ class Interval:
         """
         space, size = self.problem.system.state_space, self.basis.size if self.basis else 0
         w, here = ca.SX.sym("w", self.nodes + self.controls), ca.SX.sym("here", space.size)
-        z, s = w[: self.dimension], w[self.dimension :]
+        z, s = w[: self.dimension, :], w[self.dimension :, :]
         shares = stage_times(offset, self.steps)
         tables = ca.SX.sym("phi", size, len(shares))
         phi = ca.horzsplit(tables)
@@ -132,7 +132,7 @@ class Interval:
         """The equations of a task's outputs at the last node."""
         space = self.problem.system.state_space
         s, here = ca.SX.sym("s", self.nodes), ca.SX.sym("here", space.size)
-        state = space.chart(self.scales * s[: self.dimension], here)
+        state = space.chart(self.scales * s[: self.dimension, :], here)
         names = [f"goal of {label}" for label in task.output_labels]
         rows = ca.SX(ca.vertcat(*task.output_equations(state)))
         return Meeting(intervals, task.share, names, s, here, rows, reference)
@@ -140,9 +140,9 @@ class Interval:
     def _control(self, s: ca.SX, phi: ca.SX) -> ca.SX:
         """u of the variables s, with φ of its time."""
         if self.basis is None:
-            return s[self.statics :]
+            return s[self.statics :, :]  # with one index, nothing of one number is a row to CasADi
         inputs = self.problem.system.input_space.size
-        return ca.reshape(s[: inputs * self.basis.size], self.basis.size, inputs).T @ phi
+        return ca.reshape(s[: inputs * self.basis.size, :], self.basis.size, inputs).T @ phi
 
     def _integrand(self, state: ca.SX, control: ca.SX) -> Any:
         name = self.problem.objective
@@ -157,9 +157,9 @@ class Interval:
         if self.problem.objective != "effort":
             return quadrature
         if self.basis is None:
-            return length * ca.sumsqr(s[self.statics :])
+            return length * ca.sumsqr(s[self.statics :, :])
         inputs, size = self.problem.system.input_space.size, self.basis.size
-        coefficients = s[: inputs * size]
+        coefficients = s[: inputs * size, :]
         gram = ca.DM(np.kron(np.eye(inputs), np.asarray(self.basis.gram(1.0))))  # ∫₀ᵀ = T ∫₀¹
         return length * (coefficients.T @ gram @ coefficients)
 

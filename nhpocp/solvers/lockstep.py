@@ -213,12 +213,13 @@ class _Lockstep:
             np.broadcast_to(part, (len(places), *part.shape[1:])) for part in parts
         )
         difference, single = self.tasks.differences(places, ends)
+        scales = self.tasks.scales[places]
         return _Here(
             places,
             coefficients,
             _length(task.weights * difference),
-            task.scales * difference,
-            task.scales[:, None] * jacobian,
+            scales * difference,
+            scales[:, :, None] * jacobian,
             useful & single,
         )
 

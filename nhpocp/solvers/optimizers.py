@@ -18,6 +18,7 @@ from nhpocp.solution import Outcome
 
 # ma27, ma57, ma86 and pardiso are absent from CasADi's wheel, ma97 crashes the interpreter at exit
 LINEAR_SOLVERS = ("mumps", "spral")
+RANGE = 1e-9  # half of one, in the place of an equation
 ENDINGS = {
     "Solve_Succeeded": Outcome.CONVERGED,
     "Infeasible_Problem_Detected": Outcome.INFEASIBLE,
@@ -167,7 +168,7 @@ class Ipopt:
             if callback:
                 callback.history = lambda: solver.stats().get("iterations", {})
             try:
-                found = _call(solver, programme, start, multipliers)
+                found = _call(solver, start, *_ranges(programme), multipliers)
             finally:
                 if callback:  # two that hold each other would never be freed
                     callback.history = dict
@@ -221,7 +222,9 @@ class Fatrop:
                 },
             },
         )
-        found = _call(solver, programme, start, None)  # its warm start was slower than its cold one
+        found = _call(
+            solver, start, programme.lower, programme.upper, None
+        )  # its warm start was slower than its cold one
         stats = solver.stats()
         if stats["success"]:
             outcome = Outcome.CONVERGED
@@ -267,11 +270,19 @@ class _Callback(ca.Callback):
 
 
 def _call(
-    solver: ca.Function, programme: Programme, start: Array, multipliers: Array | None
+    solver: ca.Function, start: Array, lower: Array, upper: Array, multipliers: Array | None
 ) -> dict[str, ca.DM]:
     warm = {} if multipliers is None else {"lam_g0": multipliers}
-    found: dict[str, ca.DM] = solver(x0=start, lbg=programme.lower, ubg=programme.upper, **warm)
+    found: dict[str, ca.DM] = solver(x0=start, lbg=lower, ubg=upper, **warm)
     return found
+
+
+def _ranges(programme: Programme) -> tuple[Array, Array]:
+    """The bounds for IPOPT, which refuses more equations than unknowns, be they met or not: ranges in their place."""
+    lower, upper = programme.lower, programme.upper
+    equations = lower == upper
+    half = RANGE * equations if equations.sum() > programme.size else 0.0
+    return lower - half, upper + half
 
 
 def _optimum(

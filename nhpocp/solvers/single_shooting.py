@@ -41,15 +41,15 @@ class SingleShooting(Transcription):
     def nlp(self) -> ca.Function:
         interval, N, d = self.interval, self.intervals, self.interval.dimension
         x, p = ca.MX.sym("x", self.size), ca.MX.sym("p", 0)
-        z, statics, cost, rows = ca.MX(ca.DM.zeros(d)), x[: self.statics], ca.MX(0), []
+        z, statics, cost, rows = ca.MX(ca.DM.zeros(d)), x[: self.statics, :], ca.MX(0), []
         parameters = self.parameters
         for k in range(N):
-            u = x[self.statics + k * interval.controls : self.statics + (k + 1) * interval.controls]
+            u = x[self.statics + k * interval.controls : self.statics + (k + 1) * interval.controls, :]
             stage = ca.vertcat(z, statics, u)
             cost += interval.shot.cost(stage, parameters[:, k])
             values = interval.shot.value(stage, parameters[:, k])
-            z = -values[:d]
-            rows.append(values[interval.nodes :])
+            z = -values[:d, :]
+            rows.append(values[interval.nodes :, :])
             rows += [m.value(stage, m.parameters) for m in self.meetings if m.stage == k]
         last = [m.value(ca.vertcat(z, statics), m.parameters) for m in self._met_last]
         g = ca.vertcat(*rows, z[self.terminal.tolist()], *last)

@@ -252,11 +252,12 @@ class _Search:
         return self._finished(arrived, self.base)
 
     def _between(self, here: Array, share: float) -> dict[str, Array] | None:
-        """The state at a share of the geodesic to the goal; None where it has two (a half turn) or is no state."""
+        """The goal's blocks at a share of the geodesic to it; None where it has two (a half turn) or names outputs."""
         if not set(self.problem.goal) <= set(self.space.names):
             return None
         try:
             tangent = self.space.difference(self.problem.goal_point, here)
         except OrientationAtPiError:
             return None
-        return dict(self.space.unpack(np.asarray(self.space.retract(here, share * tangent))))
+        there = self.space.unpack(np.asarray(self.space.retract(here, share * tangent)))
+        return {name: there[name] for name in self.problem.goal}

@@ -242,8 +242,11 @@ class ParallelRobot(System):
         return ("w",)
 
     def default_length_scale(self) -> float:
-        arms = [hypot(*leg.platform) for leg in self.legs if not leg.pinned]
-        return sum(arms) / len(arms) or 1.0
+        free = [leg for leg in self.legs if not leg.pinned]
+        for arms in ([hypot(*leg.platform) for leg in free], [hypot(*leg.base) for leg in self.legs]):
+            if any(arms):  # all joints may meet in the middle of a body
+                return sum(arms) / len(arms)
+        return 1.0
 
     def drawing(self, state: Array) -> dict[str, Any]:
         """Both bodies, the legs, and the directions of their joints, from the middle of each joint."""

@@ -173,8 +173,14 @@ class System(Protocol):
         return self.breaking()
 
     def default_length_scale(self) -> float:
-        """A typical length of the mechanism, which turns rotations into lengths."""
+        """A typical length of the mechanism, which turns rotations into lengths; override it where there is one."""
         return 1.0
+
+    @property
+    def own_length(self) -> float | None:
+        """`default_length_scale` of a mechanism that has a length of its own; None for others, a unicycle say."""
+        has_one = type(self).default_length_scale is not System.default_length_scale
+        return self.default_length_scale() if has_one else None
 
     def input_label(self) -> str | list[str]:
         """How a solution file names the control."""

@@ -1,8 +1,8 @@
-"""Where a determinant changes its sign along a path, found by sampling, bracketing and Brent's method."""
+"""Where a determinant is zero along a path, its sign changing there or not: samples, brackets, Brent's method."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -15,22 +15,67 @@ from nhpocp.state_space import StateSpace
 from nhpocp.systems.numeric import NumericSystem
 from nhpocp.verification.replay import Path
 
+TOUCH = 1e-6  # σ_min, dimensionless: below it, dividing by it leaves six of a replay's twelve digits
 
-def find_crossings(numeric: NumericSystem, path: Path, times: Array) -> list[Crossing]:
-    """Every sign change of every regularity determinant, in order of time."""
+
+def find_crossings(numeric: NumericSystem, path: Path, times: Array, length_scale: float) -> list[Crossing]:
+    """Every zero of every regularity determinant, in order of time: sign changes, and touches from one side."""
     times = np.unique(times)
-    found = []
-    for name, values in numeric.determinants(path(times)).items():
+    states, found = path(times), []
+    sigmas = numeric.sigmas(states, length_scale)
+    for name, values in numeric.determinants(states).items():
 
         def determinant(t: float, name: str = name) -> float:
             return float(numeric.determinants(path(np.array([t])))[name][0])
 
+        def sigma(t: float, name: str = name) -> float:
+            return float(numeric.sigmas(path(np.array([t])), length_scale)[f"sigma_{name}"][0])
+
         signs = np.sign(values[np.isfinite(values) & (values != 0)])
         returns = bool(len(signs) and signs[0] == signs[-1])
-        for time in sign_changes(determinant, times, values):
+        crossed = sign_changes(determinant, times, values)
+        touched = touches(sigma, times, sigmas[f"sigma_{name}"], crossed)
+        for time, touch in [*((t, False) for t in crossed), *((t, True) for t in touched)]:
             state = describe_state(numeric.system.state_space, path(np.array([time]))[0])
-            found.append(Crossing(f"det_{name}", time, state, returns))
+            found.append(Crossing(f"det_{name}", time, state, touch or returns, touch))
     return sorted(found, key=lambda crossing: crossing.time)
+
+
+def touches(
+    function: Callable[[float], float], times: Array, values: Array, crossed: Sequence[float] = ()
+) -> list[float]:
+    """Times at which a function ≥ 0, known at times, comes below `TOUCH`; one of each stretch of samples.
+
+    Stretches that hold one of the times ``crossed`` are left out.
+    """
+    usable = np.isfinite(values)
+    times, values = times[usable], values[usable]
+    found: list[float] = []
+    for k in _low_places(values):
+        span = times[max(k - 1, 0) : k + 2]
+        if any(span[0] <= time <= span[-1] for time in crossed):
+            continue
+        lowest = minimize_scalar(
+            function, bounds=(span[0], span[-1]), method="bounded", options={"xatol": 1e-12 * times[-1]}
+        )
+        time = float(lowest.x if lowest.fun < values[k] else times[k])
+        if min(lowest.fun, values[k]) <= TOUCH and not (found and time - found[-1] < span[-1] - span[0]):
+            found.append(time)
+    return found
+
+
+def _low_places(values: Array) -> list[int]:
+    """Samples beside which a function ≥ 0 may come below `TOUCH`: where it does so first, and minima low enough."""
+    places = []
+    for k, value in enumerate(values):
+        around = values[max(k - 1, 0) : k + 2]
+        if value <= TOUCH:
+            if k == 0 or values[k - 1] > TOUCH:
+                places.append(k)
+        # over half a step it falls by no more than over the whole ones beside it
+        elif value <= around.min() and value - np.abs(around - value).max() <= TOUCH:
+            places.append(k)
+    return places
 
 
 def sign_changes(function: Callable[[float], float], times: Array, values: Array) -> list[float]:

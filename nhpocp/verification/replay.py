@@ -10,11 +10,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from itertools import pairwise
-from math import isqrt
+from math import acos, isqrt
 from typing import Any
 
 import casadi as ca
 import numpy as np
+from numpy.polynomial.chebyshev import chebvander
 from scipy.integrate import DOP853, OdeSolution
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
@@ -27,11 +28,18 @@ from nhpocp.systems.system import System
 
 RTOL = ATOL = 1e-12
 METHOD = f"SciPy DOP853, rtol {RTOL:g}, atol {ATOL:g}, between the control's breakpoints"
-MOST_STEPS = 5_000  # a smooth path takes 20 to 500
+MOST_STEPS = 5_000  # of a smooth piece; one takes 20 to 500
+STEPS_PER_FUNCTION = 20  # more, for a basis whose functions oscillate: a harmonic takes up to 10
 SHORTEST_STEP = 1e-9  # share of a smooth piece; a path that needs such steps ends there
 
-# Shares of a smooth piece at which basis functions are compared; not multiples of a fraction that a period may have
-PROBES = np.array([0.1137, 0.5291, 0.8713])
+# On a smooth piece, mapped to [-1, 1]: basis functions are interpolated at Chebyshev's nodes, and compared with that at
+# probes which are no multiples of a fraction that a period may have
+DEGREE = 7
+NODES = np.cos(np.pi * (np.arange(DEGREE + 1) + 0.5) / (DEGREE + 1))
+PROBES = np.array([-0.7726, 0.0582, 0.7426])
+TO_COEFFICIENTS = np.linalg.inv(chebvander(NODES, DEGREE))
+INTERPOLATED = chebvander(PROBES, DEGREE) @ TO_COEFFICIENTS
+ROUNDING = 1e-13  # of the largest value on the piece
 
 Rate = Callable[[float, Array, Array], Array]  # (t, x, u(t)) ↦ ẋ
 
@@ -127,19 +135,27 @@ class Watch:
 def inputs_on_piece(control: Control, first: float, last: float) -> Callable[[float], Array]:
     """t ↦ u(t) between two breakpoints, with the limits from inside at either.
 
-    Where no basis function changes on the piece, which no choice of coefficients can feign, u is evaluated once.
+    Where all basis functions are one and the same polynomial each on the piece, which no choice of coefficients can
+    feign, so is u, and the table is asked once.
     """
-    probes = first + PROBES * (last - first)
-    table = control.basis.table(probes, control.horizon)
+    middle, half = 0.5 * (first + last), 0.5 * (last - first)
+    table = control.basis.table(middle + half * np.concatenate([NODES, PROBES]), control.horizon)
     if (table == table[0]).all():
         constant = control.coefficients @ table[0]
         return lambda t: constant
+    nodes, probes = table[: len(NODES)], table[len(NODES) :]
+    if (np.abs(INTERPOLATED @ nodes - probes) <= ROUNDING * np.abs(table).max()).all():
+        polynomial = TO_COEFFICIENTS @ nodes @ control.coefficients.T
+        orders = np.arange(DEGREE + 1)
+        # T_k(x) = cos(k arccos x)
+        return lambda t: np.cos(orders * acos(min(1.0, max(-1.0, (t - middle) / half)))) @ polynomial
     return lambda t: control(np.array([min(t, last)]), "left" if t >= last else "right")[0]
 
 
 def integrate(rate: Rate, control: Control, start: Array, watch: Watch | None = None) -> Path:
     """ẋ = rate over the control's horizon; ends early where it cannot go on, or where ``watch`` meets a zero."""
     knots = np.unique([0.0, *control.breakpoints, control.horizon])
+    budget = MOST_STEPS + STEPS_PER_FUNCTION * control.basis.size
     times: list[float] = [0.0]
     pieces: list[Any] = []
     state, stopped = np.asarray(start, dtype=float), None
@@ -156,9 +172,11 @@ def integrate(rate: Rate, control: Control, start: Array, watch: Watch | None = 
                 stopped = "the rate there is not finite"
                 break
             solver = DOP853(piecewise, first, state, last, rtol=RTOL, atol=ATOL)
+            taken = 0
             while solver.status == "running" and stopped is None:
                 solver.step()
-                if solver.status == "failed" or len(pieces) >= MOST_STEPS:
+                taken += 1
+                if solver.status == "failed":
                     stopped = "the step size collapsed"
                     break
                 dense, end = solver.dense_output(), float(solver.t)
@@ -169,6 +187,10 @@ def integrate(rate: Rate, control: Control, start: Array, watch: Watch | None = 
                 if end > times[-1]:
                     times.append(end)
                     pieces.append(dense)
+                if taken >= budget and solver.status == "running" and stopped is None:
+                    stopped = (
+                        f"{taken} steps were not enough for the smooth piece from t={first:g} to {last:g}"
+                    )
             state = solver.y
             if stopped:
                 break

@@ -51,7 +51,7 @@ def panels(solution: Solution, most: int) -> list[Panel]:
     Legs stand for all the outputs of a system that has some, else its outputs, or the numbers of its state.
     ``most``: points of a curve at most.
     """
-    found = [_controls(solution)]
+    found = [_controls(solution)] if solution.problem.system.input_space.size else []
     outputs = _outputs(solution)
     legs = [panel for panel in outputs if panel["name"] == "leg_lengths"]
     rest = [{**panel, "more": bool(legs)} for panel in outputs if panel not in legs]

@@ -144,12 +144,15 @@ def _input(index: int) -> Curve:
     return curve
 
 
-def _controls(drawn: Drawn) -> Overlay:
+def _controls(drawn: Drawn) -> Overlay | None:
+    """Every input over time; nothing where the system has none."""
     panels: list[Panel] = []
     for block in drawn[0][0].problem.system.input_space.blocks:
         for i in range(block.size):
             words = f"control {symbol(block.name, i if block.kind == 'vector' else None)}"
             panels.append(Panel(with_unit(words, block.unit, rate=True), _input(len(panels)), block.name))
+    if not panels:
+        return None
     words = Markup(
         "The control of every run over time; jumps of piecewise constant controls are drawn as jumps."
     )

@@ -82,6 +82,10 @@ def _common_unit(space: StateSpace) -> str:
 def plot_controls(axes: Any, solution: Solution, label: str | None = None, **line: Any) -> None:
     """Every input over time, [Paper] Fig. 2; jumps of a discontinuous control are drawn as jumps."""
     path, space = path_of(solution), solution.problem.system.input_space
+    if not space.size:
+        time_axis(axes, path)
+        axes.set_ylabel("no inputs")
+        return
     columns = [quantity(solution, block.name, path) for block in space.blocks]
     if all(column.shape[1] for column in columns):
         times, values = with_jumps(solution, path.times, np.hstack(columns))
