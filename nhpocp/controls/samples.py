@@ -11,7 +11,7 @@ from nhpocp.arrays import Array
 from nhpocp.controls.basis import ControlBasis
 from nhpocp.controls.table import Table
 
-KEPT = 2**24  # numbers of a table that is made once, 128 MB; larger ones are made again, slice by slice
+KEPT = 3 * 2**24  # numbers of a table that is made once, 400 MB; larger ones are made again, slice by slice
 SLICE = 2**22  # numbers of a slice, 32 MB
 
 

@@ -6,8 +6,9 @@ All are one kind of object: an `Integrator` makes a `Flow` for a right-hand side
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from math import ceil
 from typing import Any, ClassVar, Protocol
 
 import casadi as ca
@@ -21,6 +22,9 @@ from nhpocp.errors import InvalidProblemError
 from nhpocp.flow.dynamics import Dynamics
 from nhpocp.flow.kernels import CompiledWhenReady, Kernels
 from nhpocp.flow.runge_kutta import Bundle, Ends, Grid, Scheme, Sweep, Swept, ends_of, scheme, walked
+from nhpocp.machine import afford
+
+FEWEST, ENOUGH = 5.0, 10.0  # steps for each period of the fastest function of a basis
 
 
 class Flow(Protocol):
@@ -72,6 +76,19 @@ def uniform_grid(steps: int, breakpoints: Array, horizon: float) -> Array:
     kept = np.concatenate([[0.0], np.asarray(breakpoints, dtype=float), [horizon]])
     grid = np.linspace(0.0, horizon, steps + 1)
     return np.sort(np.concatenate([kept, grid[~beside(grid, kept, horizon)]]))
+
+
+def resolving(integrator: Integrator, basis: ControlBasis) -> Integrator:
+    """An integrator whose fixed steps see every oscillation of a basis: with more steps, where its own are too few."""
+    if not isinstance(integrator, RungeKutta4 | CasadiRungeKutta):
+        return integrator
+    steps = enough_steps(integrator.steps, basis)
+    return integrator if steps == integrator.steps else replace(integrator, steps=steps)
+
+
+def enough_steps(steps: int, basis: ControlBasis) -> int:
+    """These, or with fewer than `FEWEST` a period, so that they are blind to the control, as many as it takes."""
+    return steps if steps >= FEWEST * basis.oscillations else ceil(ENOUGH * basis.oscillations)
 
 
 def beside(times: Array, others: Array, horizon: float) -> Array:
@@ -140,6 +157,10 @@ class RungeKuttaFlow:
 
     def sensitivity(self, start: Array, coefficients: Array, stops: Sequence[int] = (-1,)) -> Swept:
         functions = scheme(self._dynamics)
+        afford(
+            16.0 * len(stops) * functions.rows * np.size(coefficients),
+            f"the derivatives of {len(stops)} states by {np.size(coefficients)} coefficients",
+        )
         sweep = self._sweep(start, coefficients, [range(len(self.times))[stop] for stop in stops])
         if len(stops) * functions.rows > sweep.coefficients.size:
             return self._forwards(functions, sweep)

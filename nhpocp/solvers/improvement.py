@@ -11,14 +11,16 @@ import numpy as np
 from nhpocp.arrays import Array
 from nhpocp.flow.cost_map import cost_map
 from nhpocp.flow.integrators import Integrator
+from nhpocp.machine import afford
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Outcome
 from nhpocp.solvers.evaluation import Evaluation
 from nhpocp.solvers.generalized_inverses import L2Metric
 from nhpocp.solvers.multipliers import rounds
 from nhpocp.solvers.null_space import Cost, LimitReached, NoSurfaceError, NullSpaceResult, minimise
-from nhpocp.solvers.path_rows import FORGIVEN, INSIDE, PathRows, worst
+from nhpocp.solvers.path_rows import FINE_STEPS, FORGIVEN, INSIDE, PathRows, worst
 
+DENSE = 64.0  # bytes for each entry of the model of the Hessian: it, its projection, and copies of both
 HELD = 1e-6  # of a limit: a violation that is rounding; verification forgives a thousand times as much
 
 Try = Callable[[Array], Evaluation | None]  # Λ ↦ where it leads; None where it cannot be integrated
@@ -75,6 +77,12 @@ class Improvement:
 
     def __post_init__(self) -> None:
         problem, horizon = self.problem, self.horizon
+        size = self.reached.size
+        if self.objective != "none" or problem.bounds:
+            afford(DENSE * size**2, f"the search for less in the null space of {size} coefficients")
+        if problem.bounds:
+            rows = len(self.times) + FINE_STEPS
+            afford(DENSE * rows * size, f"the bounds at {rows} times by {size} coefficients")
         basis, inputs = problem.basis, problem.system.input_space.size
         # coordinates in which the effort is |y|²
         self._coordinates = L2Metric().coordinates(basis, inputs, horizon)

@@ -14,7 +14,7 @@ import numpy as np
 
 from nhpocp.arrays import Array
 from nhpocp.flow.end_point_map import DifferentiatedEndPointMap, flow_through
-from nhpocp.flow.integrators import RungeKutta4
+from nhpocp.flow.integrators import RungeKutta4, resolving
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Solver
 from nhpocp.solvers.claims import finer
@@ -142,7 +142,9 @@ class _Lockstep:
         self.solver, self.rule, self.inverse = method
         self.problem, self.count, self.interruption = problem, len(problems), interruption
         horizon, inputs = problem.horizon.fixed, problem.system.input_space.size
-        self.flow = flow_through(problem.system, problem.basis, horizon, self.solver.integrator, ())
+        self.flow = flow_through(
+            problem.system, problem.basis, horizon, resolving(self.solver.integrator, problem.basis), ()
+        )
         self.coordinates = self.solver.metric.coordinates(problem.basis, inputs, horizon)
         self.tasks = AlikeTasks([problem.tasks[0] for problem in problems])
         self.numeric = numeric_system(problem.system)
@@ -183,7 +185,11 @@ class _Lockstep:
         if not reached:
             return reached
         flow = flow_through(
-            problem.system, problem.basis, problem.horizon.fixed, finer(solver.integrator), ()
+            problem.system,
+            problem.basis,
+            problem.horizon.fixed,
+            finer(resolving(solver.integrator, problem.basis)),
+            (),
         )
         coefficients = np.stack([plan.coefficients for plan in reached.values()])
         ends = flow.ends(problem.start_point, coefficients, differentiated=False)
