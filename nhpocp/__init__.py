@@ -17,11 +17,13 @@ if TYPE_CHECKING:
     from nhpocp.controls.fourier import Fourier as Fourier
     from nhpocp.controls.legendre import Legendre as Legendre
     from nhpocp.controls.piecewise_constant import PiecewiseConstant as PiecewiseConstant
+    from nhpocp.errors import FrozenError as FrozenError
     from nhpocp.errors import InvalidProblemError as InvalidProblemError
     from nhpocp.errors import NhpocpError as NhpocpError
     from nhpocp.flow.integrators import CasadiRungeKutta as CasadiRungeKutta
     from nhpocp.flow.integrators import Cvodes as Cvodes
     from nhpocp.flow.integrators import RungeKutta4 as RungeKutta4
+    from nhpocp.frozen import replace as replace
     from nhpocp.planning import solve as solve
     from nhpocp.problem import Horizon as Horizon
     from nhpocp.problem import PlanningProblem as PlanningProblem
@@ -68,6 +70,7 @@ _HOMES = {
     "Cvodes": "flow.integrators",
     "Euler": "solvers.step_rules",
     "Fourier": "controls.fourier",
+    "FrozenError": "errors",
     "Horizon": "problem",
     "InvalidProblemError": "errors",
     "L2Metric": "solvers.generalized_inverses",
@@ -98,6 +101,7 @@ _HOMES = {
     "mobility": "systems.mobility",
     "namespace": "arrays",
     "plan_many": "batch",
+    "replace": "frozen",
     "rotation": "state_space",
     "save_solution": "solution_folder",
     "scalar": "state_space",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ import numpy as np
 
 from nhpocp.analysis import Analysis
 from nhpocp.solution_folder import check_target, plain, unwritable
+from nhpocp.solution_folder.pictures import drawn
 from nhpocp.solution_folder.target import write_whole
 
 Pictures = Callable[[Analysis, Path], Any]
@@ -19,24 +21,25 @@ Pictures = Callable[[Analysis, Path], Any]
 
 def save_analysis(
     analysis: Analysis, folder: str | os.PathLike[str], pictures: Pictures | None = None
-) -> Path:
-    """Writes the folder, whole or not at all, and returns its path; one that nhpocp wrote before is replaced.
+) -> list[str]:
+    """Writes the folder, whole or not at all; one that nhpocp wrote before is replaced.
 
-    Errors: `InvalidProblemError` for a folder that is something else or cannot be written.
+    What is missing is returned, in words: pictures for which there is no room. Errors: `InvalidProblemError` for a
+    folder that is something else or cannot be written.
     """
-    target = Path(folder)
+    target, missing = Path(folder), ""
     check_target(target)
 
     def write(scratch: Path) -> None:
+        nonlocal missing
         _write(analysis, scratch)
-        if pictures is not None:
-            pictures(analysis, scratch)
+        missing = drawn(partial(pictures, analysis), scratch) if pictures is not None else ""
 
     try:
         write_whole(target, write)
     except OSError as error:
         raise unwritable(target, error) from error
-    return target
+    return [missing] if missing else []
 
 
 def _write(analysis: Analysis, folder: Path) -> None:

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import pickle
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
-from functools import lru_cache
 from itertools import islice
 from typing import Any
 
@@ -15,7 +13,9 @@ from nhpocp.errors import InvalidProblemError
 from nhpocp.planning import default_solver, refused
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Outcome, Solver
+from nhpocp.solvers.interruption import Interruption
 from nhpocp.solvers.lockstep import reached_together
+from nhpocp.solvers.workers import awaited, packed, permit, submitted, unpacked
 
 TOGETHER = 64  # goals planned at once; more gain little
 FEW = 3  # goals: fewer are planned faster one by one
@@ -45,7 +45,8 @@ def plan_many(
     None: here. So many goals are taken ``together`` as the first of them is asked for, and planned side by side where
     the method is an adaptive continuation; memory grows with them. Errors: `InvalidProblemError` for a goal that is
     none, after the plans for those before it; what ``goals`` itself raises comes before the plans for the goals that
-    were taken with it. Ctrl-C ends the series with `KeyboardInterrupt`, and what was handed out before stays good.
+    were taken with it. The same for a problem that cannot be sent to other processes, before all plans. Ctrl-C ends the
+    series with `KeyboardInterrupt`; no more is begun elsewhere, and what was handed out before stays good.
     """
     if together < 1:
         raise InvalidProblemError(f"together is {together}; expected the number of goals to plan to at once")
@@ -55,15 +56,18 @@ def plan_many(
         while part := list(islice(series, together)):
             yield from _planned(problem, part, solver)
         return
-    payload, goals = pickle.dumps((problem, solver)), list(goals)
+    payload, goals = packed((problem, solver)), list(goals)
     parts = [goals[first : first + together] for first in range(0, len(goals), together)]
-    chunks = [executor.submit(_planned_elsewhere, payload, part) for part in parts]
-    try:
-        for chunk in chunks:
-            yield from chunk.result()
-    finally:
-        for chunk in chunks:
-            chunk.cancel()
+    with permit() as given:
+        chunks = [submitted(executor, given, _planned_elsewhere, payload, part) for part in parts]
+        try:
+            for chunk in chunks:
+                with Interruption() as interruption:
+                    plans = awaited(chunk, interruption)
+                yield from plans
+        finally:
+            for chunk in chunks:
+                chunk.cancel()
 
 
 def _planned(problem: PlanningProblem, goals: Sequence[Mapping[str, Any]], solver: Solver) -> Iterator[Plan]:
@@ -90,11 +94,5 @@ def _planned(problem: PlanningProblem, goals: Sequence[Mapping[str, Any]], solve
 
 
 def _planned_elsewhere(payload: bytes, goals: Sequence[Mapping[str, Any]]) -> list[Plan]:
-    problem, solver = _unpacked(payload)
+    problem, solver = unpacked(payload)
     return list(_planned(problem, goals, solver))
-
-
-@lru_cache(maxsize=4)  # what is made for a system is kept beside it
-def _unpacked(payload: bytes) -> tuple[PlanningProblem, Solver]:
-    problem, solver = pickle.loads(payload)
-    return problem, solver

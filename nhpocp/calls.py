@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from functools import lru_cache
 from itertools import count
 from threading import get_ident
 from typing import Any
@@ -12,6 +11,7 @@ import casadi as ca
 import numpy as np
 
 from nhpocp.arrays import Array
+from nhpocp.kept import kept
 
 PAID = 6000  # samples: one by one they take as long as making a function that does them side by side
 
@@ -30,7 +30,7 @@ def lent(function: ca.Function, *arguments: Array) -> tuple[Array, ...]:
     return _caller(function, get_ident())(arguments)
 
 
-@lru_cache(maxsize=64)  # asking CasADi for a buffer and for sizes costs more than a small function does
+@kept(most=128)  # asking CasADi for a buffer and for sizes costs more than a small function does
 def _caller(function: ca.Function, thread: int) -> _Caller:
     return _Caller(function)
 
@@ -39,9 +39,10 @@ class _Caller:
     """One thread's buffer of a function, and the arrays that it reads and writes."""
 
     def __init__(self, function: ca.Function) -> None:
+        # holds no function: it lies with it
         buffer: Any
         buffer, self._evaluate = function.buffer()
-        self._buffer, self._function = buffer, function
+        self._buffer, self._names = buffer, function.name_in()
         self._arguments: list[Array] = [np.zeros(function.nnz_in(place)) for place in range(function.n_in())]
         self._results: tuple[Array, ...] = tuple(
             np.zeros((function.size2_out(place), function.size1_out(place)))
@@ -58,14 +59,13 @@ class _Caller:
         for place, (given, array) in enumerate(zip(arguments, self._arguments, strict=True)):
             numbers = np.asarray(given)
             if numbers.size != array.size:
-                name = self._function.name_in(place)
-                raise ValueError(f"{numbers.size} numbers for {name}, {array.size} expected")
+                raise ValueError(f"{numbers.size} numbers for {self._names[place]}, {array.size} expected")
             array.reshape(numbers.shape)[...] = numbers
         self._evaluate()
         return self._results
 
 
-@lru_cache(maxsize=128)  # making a map costs more than calling it
+@kept(most=128)  # making a map costs more than calling it
 def mapped(function: ca.Function, samples: int) -> ca.Function:
     """The function on many samples at once."""
     return function.map(samples)
@@ -81,13 +81,13 @@ def side_by_side(function: ca.Function, samples: int) -> ca.Function:
     return _side_by_side(function, samples) if times * samples >= PAID else mapped(function, samples)
 
 
-@lru_cache(maxsize=128)
+@kept(most=128)
 def _asked(function: ca.Function, samples: int) -> Iterator[int]:
     """How often it has been asked for before."""
     return count()
 
 
-@lru_cache(maxsize=64)
+@kept(most=64)
 def _side_by_side(function: ca.Function, samples: int) -> ca.Function:
     arguments = [
         ca.MX.sym(name, function.size1_in(place), function.size2_in(place) * samples)
@@ -121,7 +121,7 @@ def _side_by_side(function: ca.Function, samples: int) -> ca.Function:
     return ca.Function(f"{function.name()}_side_by_side", arguments, outputs)
 
 
-@lru_cache(maxsize=128)
+@kept(most=128)
 def accumulated(function: ca.Function, steps: int) -> ca.Function:
     """The function applied over and over, its first argument fed back; every state is handed out."""
     return function.mapaccum(steps)

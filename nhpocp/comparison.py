@@ -351,7 +351,7 @@ def _task(problem: PlanningProblem) -> str:
 
 
 def _told_apart(entries: Sequence[Entry]) -> list[Entry]:
-    """Entries of one task with one name get what differs in their settings as a variant's name, else a number."""
+    """Entries of one task with one name get what differs between them as a variant's name, else a number."""
     same: dict[tuple[str, str], list[Entry]] = {}
     for entry in entries:
         same.setdefault((_task(entry.solution.problem), entry.variant), []).append(entry)
@@ -361,9 +361,9 @@ def _told_apart(entries: Sequence[Entry]) -> list[Entry]:
         task = _task(entry.solution.problem)
         label, twins = entry.variant, same[task, entry.variant]
         if len(twins) > 1:
-            settings = [twin.solution.settings for twin in twins]
-            mine = entry.solution.settings
-            differing = [key for key in mine if any(other.get(key) != mine[key] for other in settings)]
+            traits = [_traits(twin.solution) for twin in twins]
+            mine = _traits(entry.solution)
+            differing = [key for key in mine if any(other.get(key) != mine[key] for other in traits)]
             if differing:
                 label += ":" + ",".join(f"{key}={mine[key]}" for key in differing)
         base, count = label, 1
@@ -373,3 +373,14 @@ def _told_apart(entries: Sequence[Entry]) -> list[Entry]:
         used.add((task, label))
         renamed.append(replace(entry, variant=label))
     return renamed
+
+
+def _traits(solution: Solution) -> dict[str, Any]:
+    """What may differ between runs on one task: the settings, and the control to begin with under the file's names."""
+    basis = solution.problem.basis
+    return {
+        **solution.settings,
+        "control.basis": basis.kind,
+        **{f"control.{key}": value for key, value in basis.parameters().items()},
+        "control.initial": "auto" if solution.problem.initial is None else "given",
+    }

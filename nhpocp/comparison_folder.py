@@ -8,17 +8,19 @@ import os
 import tempfile
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from nhpocp.comparison import VARIANTS, Comparison, Entry, Run
+from nhpocp.comparison import VARIANTS, Comparison, Entry, Group, Run
 from nhpocp.errors import InvalidProblemError, UnreadableSolutionError
 from nhpocp.problem import PlanningProblem
 from nhpocp.problem_file import variant
 from nhpocp.solution import Solution
-from nhpocp.solution_folder import check_target, folder_name, is_solution_folder, load_solution
+from nhpocp.solution_folder import audit, check_target, folder_name, is_solution_folder
+from nhpocp.solution_folder.auditing import Audit
+from nhpocp.solution_folder.pictures import attempted
 from nhpocp.solution_folder.target import COMPARISON
 
 ANIMATION = "animation.html"
@@ -66,37 +68,78 @@ def check_home(home: Path) -> None:
             raise InvalidProblemError("a folder stands where the report goes", file=str(home / name))
 
 
+@dataclass(frozen=True)
+class Written:
+    """The files of a comparison, and what is missing of them, in words."""
+
+    files: list[Path]
+    missing: list[str]
+
+
 def write_comparison(
-    comparison: Comparison, home: Path, report: Report, animate: Animate | None = None
-) -> list[Path]:
-    """The three files, each whole or not at all, and an animation a problem; the files written.
+    comparison: Comparison,
+    home: Path,
+    report: Report,
+    animate: Animate | None = None,
+    missing: Sequence[str] = (),
+) -> Written:
+    """The three files, each whole or not at all, and an animation a problem.
 
     ``report(comparison, file, animations)`` writes the page, which links the animations, relative addresses by the
-    titles of their groups; ``animate(entries, file)`` writes one of them,
-    or nothing where no run moved.
-    Errors: `InvalidProblemError` where they cannot be written.
+    titles of their groups; ``animate(entries, file)`` writes one of them, or nothing where no run moved; ``missing``:
+    what is missing of the runs already. The numbers come first: Ctrl-C ends the drawing.
+    Errors: `InvalidProblemError` where they cannot be written; animations for which there is no room are missing.
     """
     check_home(home)
-    animations = _write_animations(comparison, home, animate) if animate else {}
-    text = json.dumps(comparison.to_json(), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-    writers: dict[str, Callable[[Path], Any]] = {
-        "comparison.json": lambda file: file.write_text(text, encoding="utf-8"),
-        "comparison.csv": lambda file: file.write_text(comparison.to_csv(), encoding="utf-8", newline=""),
-        "report.html": lambda file: report(comparison, file, animations),
-    }
-    for name, write in writers.items():
-        _write_whole(home / name, write)
-    return [home / name for name in (*COMPARISON, *animations.values())]
+    lost = list(missing)
+
+    def numbers(file: Path) -> None:
+        data = {**comparison.to_json(), "warnings": [*comparison.notes, *lost]}
+        file.write_text(
+            json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8"
+        )
+
+    def page(file: Path) -> None:
+        report(comparison, file, animations)
+
+    _write_or_refuse(home / "comparison.json", numbers)
+    _write_or_refuse(
+        home / "comparison.csv",
+        lambda file: file.write_text(comparison.to_csv(), encoding="utf-8", newline=""),
+    )
+    animations = _write_animations(comparison, home, animate, lost) if animate else {}
+    files = [home / name for name in (*COMPARISON, *animations.values())]
+    if why := attempted(lambda: _write_or_refuse(home / "report.html", page)):
+        (home / "report.html").unlink(missing_ok=True)  # of an earlier comparison
+        lost.append(f"the report could not be written ({why}); `nhpocp compare --from {home}` writes it")
+        files.remove(home / "report.html")
+    if lost:
+        _write_or_refuse(home / "comparison.json", numbers)
+    return Written(files, lost)
 
 
-def _write_animations(comparison: Comparison, home: Path, animate: Animate) -> dict[str, str]:
+def _write_animations(
+    comparison: Comparison, home: Path, animate: Animate, lost: list[str]
+) -> dict[str, str]:
     """An animation for every problem that asks for pictures and has a motion; their places under ``home`` by title."""
     found = {}
+
+    def write(group: Group, place: str) -> None:
+        if _write_whole(home / place, partial(animate, group.entries)):
+            found[group.title] = place
+
     for group in comparison.groups:
         place = f"{folder_name(group.title)}/{ANIMATION}"
-        if group.problem.pictures and _write_whole(home / place, partial(animate, group.entries)):
-            found[group.title] = place
+        if group.problem.pictures and (why := attempted(partial(write, group, place))):
+            lost.append(f"{home / place} could not be written ({why}); `nhpocp animate` writes it")
     return found
+
+
+def _write_or_refuse(file: Path, write: Callable[[Path], Any]) -> None:
+    try:
+        _write_whole(file, write)
+    except OSError as error:
+        raise InvalidProblemError(f"cannot write here: {error.strerror}", file=str(file)) from error
 
 
 def _write_whole(file: Path, write: Callable[[Path], Any]) -> bool:
@@ -108,8 +151,6 @@ def _write_whole(file: Path, write: Callable[[Path], Any]) -> bool:
         written = scratch.exists()
         if written:
             scratch.replace(file)
-    except OSError as error:
-        raise InvalidProblemError(f"cannot write here: {error.strerror}", file=str(file)) from error
     finally:
         scratch.unlink(missing_ok=True)
     return written
@@ -117,12 +158,19 @@ def _write_whole(file: Path, write: Callable[[Path], Any]) -> bool:
 
 def load_comparison(places: Iterable[Path]) -> Comparison:
     """The comparison of stored solutions: solution folders, or folders that hold some, such as one that
-    `write_comparison` wrote.
+    `write_comparison` wrote. Each is verified again, and what it states that is not so becomes a note.
 
     Errors: `UnreadableSolutionError` for a place without solutions, or a damaged one.
     """
     folders = list(dict.fromkeys(folder for place in places for folder in solution_folders(place)))
-    return Comparison.of([_load(folder) for folder in folders], [str(folder) for folder in folders])
+    audits = [audit(folder) for folder in folders]
+    notes = [
+        f"{folder} states what is not so: {difference}"
+        for folder, found in zip(folders, audits, strict=True)
+        for difference in found.differences
+    ]
+    solutions = [_placed(found, folder) for found, folder in zip(audits, folders, strict=True)]
+    return Comparison.of(solutions, [str(folder) for folder in folders], notes)
 
 
 def solution_folders(place: Path) -> list[Path]:
@@ -144,9 +192,13 @@ def solution_folders(place: Path) -> list[Path]:
     return sorted(found, key=lambda folder: order.get(folder.parts[-2:], len(order)))
 
 
-def _load(folder: Path) -> Solution:
-    """A stored solution; one that `compare` did not make says itself on which machine it was made."""
-    solution = load_solution(folder)
+def _placed(found: Audit, folder: Path) -> Solution:
+    """What an audit found; a solution that `compare` did not make is told on which machine it was made."""
+    solution = found.solution
+    if (
+        found.stated.verdict is None
+    ):  # a place-holder of a run that could not begin is none that reaches anything
+        solution = replace(solution, verdict=None)
     note = solution.details.get("comparison")
     if note is None:
         stored = json.loads((folder / "solution.json").read_text(encoding="utf-8"))

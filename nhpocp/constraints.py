@@ -6,19 +6,22 @@ A quantity is any entry of a trajectory: a state block, an input, an output, or 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import combinations
 from typing import Any
 
 import numpy as np
 
 from nhpocp.arrays import Array, namespace
+from nhpocp.frozen import Frozen
 from nhpocp.objectives import quantity
+from nhpocp.scales import side_size
 from nhpocp.systems.system import System
 
 
 @dataclass(frozen=True)
-class Bound:
+class Bound(Frozen):
     """lower ≤ quantity ≤ upper at every time, componentwise; bounds broadcast over the quantity's components."""
 
     label: (
@@ -27,18 +30,38 @@ class Bound:
     quantity: str  # the trajectory's name for it: leg_lengths, u, v, sigma_s, position
     lower: Any = -np.inf
     upper: Any = np.inf
+    # a problem fills these in: the quantity's scale, and whether it is part of the state, whose zero lies anywhere
+    scale: float = field(default=1.0, compare=False)
+    coordinate: bool = field(default=False, compare=False)
 
     def excess(self, values: Array) -> Array:
         """How far values (k, …) stand outside, same shape; 0 inside."""
         return np.maximum(0.0, np.maximum(np.asarray(self.lower) - values, values - np.asarray(self.upper)))
 
     def relative_excess(self, values: Array) -> Array:
-        """The excess in units of the limit that is passed, each side and component by its own size (1 for 0)."""
+        """The excess in units of the size of the limit that is passed, each side and component by its own."""
         lower, upper = np.asarray(self.lower, dtype=float), np.asarray(self.upper, dtype=float)
+        sizes = self.sizes
         with np.errstate(invalid="ignore"):  # an infinite limit is never passed
-            below = np.where(np.isfinite(lower), (lower - values) / _size(lower), 0.0)
-            above = np.where(np.isfinite(upper), (values - upper) / _size(upper), 0.0)
+            below = np.where(np.isfinite(lower), (lower - values) / sizes[0], 0.0)
+            above = np.where(np.isfinite(upper), (values - upper) / sizes[1], 0.0)
         return np.maximum(0.0, np.maximum(below, above))
+
+    @cached_property
+    def sizes(self) -> tuple[Array, Array]:
+        """What tolerances of the lower and of the upper side are shares of (`side_size`), componentwise."""
+        size = np.vectorize(side_size, otypes=[float])
+        lower, upper = np.broadcast_arrays(
+            np.asarray(self.lower, dtype=float), np.asarray(self.upper, dtype=float)
+        )
+        rest = self.scale, self.coordinate
+        return size(lower, upper, *rest), size(upper, lower, *rest)
+
+    def size(self, component: tuple[int, ...], value: float) -> float:
+        """Of the side that a value of one component passes, or is bounded by."""
+        (low, high), (below, above) = self.limits(component), self.sizes
+        passed = value > high or not np.isfinite(low)
+        return _entry(above if passed else below, component)
 
     def limits(self, component: tuple[int, ...]) -> tuple[float, float]:
         """(lower, upper) of one component of the quantity."""
@@ -50,10 +73,6 @@ class Bound:
             return self
         lower, upper = np.asarray(self.lower) + amount, np.asarray(self.upper) - amount
         return replace(self, lower=lower, upper=upper) if (lower <= upper).all() else None
-
-
-def _size(limit: Array) -> Array:
-    return np.where(np.isfinite(limit) & (limit != 0), np.abs(limit), 1.0)
 
 
 def _entry(side: Any, component: tuple[int, ...]) -> float:
@@ -124,6 +143,7 @@ class BoundReport:
     component: tuple[int, ...]
     ok: bool
     value: float = np.nan  # of the quantity there
+    allowed: float = 0.0  # excess, in the same unit
 
     @property
     def name(self) -> str:
@@ -143,6 +163,7 @@ class BoundReport:
     def to_json(self) -> dict[str, Any]:
         return {
             "worst": self.worst,
+            "allowed": self.allowed,
             "ok": self.ok,
             "t": self.time,
             "component": list(self.component),
@@ -153,7 +174,7 @@ class BoundReport:
 def check_bounds(
     bounds: Sequence[Bound], times: Array, trajectory: Mapping[str, Array], relative_tolerance: float = 1e-3
 ) -> list[BoundReport]:
-    """Every bound on every sample; a bound holds if no excess is above ``relative_tolerance`` of the limit passed."""
+    """Every bound on every sample; a bound holds if no excess is above ``relative_tolerance`` of `Bound.sizes`."""
     reports = []
     for bound in bounds:
         values = np.asarray(trajectory[bound.quantity])
@@ -161,6 +182,11 @@ def check_bounds(
         place = np.unravel_index(int(np.argmax(relative)), relative.shape)
         worst = float(np.where(np.isnan(values), np.inf, bound.excess(values))[place])
         component = tuple(int(i) for i in place[1:])
-        holds, time = bool(relative[place] <= relative_tolerance), float(times[place[0]])
-        reports.append(BoundReport(bound, worst, time, component, holds, float(values[place])))
+        holds, time, value = (
+            bool(relative[place] <= relative_tolerance),
+            float(times[place[0]]),
+            values[place],
+        )
+        allowed = relative_tolerance * bound.size(component, value)
+        reports.append(BoundReport(bound, worst, time, component, holds, float(value), allowed))
     return reports

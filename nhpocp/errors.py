@@ -38,6 +38,10 @@ class InvalidProblemError(LocatedError):
     """A problem, a setting or a file that cannot be used as it stands."""
 
 
+class FrozenError(NhpocpError, AttributeError, TypeError):
+    """An attempt to change what is frozen once made."""
+
+
 class OrientationAtPiError(NhpocpError, ValueError):
     """The logarithm of a half turn: its axis has two signs, so the error of orientation has no direction."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from time import perf_counter
 
 import numpy as np
@@ -9,7 +10,9 @@ import numpy as np
 from nhpocp.arrays import Array
 from nhpocp.constraints import check_bounds
 from nhpocp.flow.simulation import simulate
+from nhpocp.kept import let_go
 from nhpocp.problem import PlanningProblem
+from nhpocp.scales import coarse
 from nhpocp.solution import Outcome, Progress, Solution, Solver
 from nhpocp.solvers.interruption import Interruption
 from nhpocp.systems.numeric import NumericSystem, numeric_system
@@ -28,13 +31,47 @@ def solve(
     of the Solution.
     """
     solver = solver or default_solver(problem)
-    solution = refused(problem, solver) or solver.solve(problem, progress)
-    began = perf_counter()
-    if progress:
-        progress({"k": None, "error": None, "stage": "verifying"})
-    with Interruption():  # short, and an interrupted solution deserves its verdict
-        verdict = verify(solution)
+    with Interruption() as interruption:
+        try:
+            solution = _doubted(refused(problem, solver) or _with_pose(solver.solve(problem, progress)))
+        except KeyboardInterrupt:
+            if interruption.insisted:
+                raise
+            solution = _unsolved(
+                problem, solver, Outcome.INTERRUPTED, "Stopped by hand before a control was found."
+            )
+        began = perf_counter()
+        if progress:
+            progress({"k": None, "error": None, "stage": "verifying"})
+        try:
+            verdict = verify(solution)  # interrupted ones deserve it too
+        except KeyboardInterrupt:
+            if interruption.insisted:
+                raise
+            message = f"Stopped by hand before it was verified; the solver's own word: {solution.message}"
+            return replace(solution, outcome=Outcome.INTERRUPTED, message=message)
+    if solution.outcome is Outcome.CONVERGED and not verdict.ok:
+        # a class or a global that the equations read may have changed since what is kept was made
+        let_go(problem.system)
     return solution.judged(verdict, perf_counter() - began)
+
+
+def _doubted(solution: Solution) -> Solution:
+    """With a warning where what counts as reached is a large part of the motion."""
+    problem = solution.problem
+    poses = [problem.start, *(via.goal for via in problem.via), problem.goal]
+    words = coarse(problem.scales, poses, problem.error_length, solution.tolerance)
+    if not words:
+        return solution
+    return replace(solution, warnings=[*solution.warnings, f"error_length: {words}"])
+
+
+def _with_pose(solution: Solution) -> Solution:
+    """A solution that says which of many poses it chose, where the goal names outputs or leaves something free."""
+    if solution.outcome is not Outcome.CONVERGED or solution.problem.goal_is_a_pose:
+        return solution
+    reached = solution.pose_reached
+    return replace(solution, message=f"{solution.message} It ends at {reached}.") if reached else solution
 
 
 def default_solver(problem: PlanningProblem) -> Solver:
@@ -52,7 +89,7 @@ def refused(problem: PlanningProblem, solver: Solver) -> Solution | None:
         return _unsolved(
             problem, solver, Outcome.NOT_REACHED, f"{missed}. There is no control to search for."
         )
-    if set(problem.goal) != set(problem.system.state_space.names):
+    if not problem.goal_is_a_pose:
         return None
     numeric = numeric_system(problem.system)
     ends = np.stack([problem.start_point, problem.goal_point])

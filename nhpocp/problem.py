@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from copy import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -16,13 +15,16 @@ from nhpocp.controls.basis import ControlBasis
 from nhpocp.controls.control import Control
 from nhpocp.controls.fourier import Fourier
 from nhpocp.errors import InvalidProblemError
+from nhpocp.frozen import FixedDict, Frozen
 from nhpocp.objectives import available
 from nhpocp.scales import Scales, natural_scales
 from nhpocp.state_space import Block, StateSpace
-from nhpocp.systems.system import System
+from nhpocp.systems.numeric import numeric_system
+from nhpocp.systems.system import System, check_names
 from nhpocp.task import Task
 
 ASSEMBLED = 1e-6  # share of the machine's length by which a start may miss what its joints hold
+NUDGE = 1e-6  # of their scales, by which states and inputs are changed to see what an output's size is
 SAME_TIME = 1e-6  # shares of the horizon that are nearer have no room for a motion between them
 
 
@@ -72,8 +74,8 @@ class Via:
     goal: Mapping[str, Array]
 
 
-@dataclass(frozen=True, kw_only=True)
-class PlanningProblem:
+@dataclass(kw_only=True)
+class PlanningProblem(Frozen):
     """Steer ``system`` from ``start`` to ``goal``.
 
     start: a value for every block of the state; goal: a value for every block that matters (the others are free), or
@@ -84,6 +86,8 @@ class PlanningProblem:
     `nhpocp.solve`.
     Errors: `InvalidProblemError` where the parts do not fit together.
     """
+
+    noun: ClassVar[str] = "problem"
 
     system: System
     start: Mapping[str, Any]
@@ -104,8 +108,8 @@ class PlanningProblem:
     source: str | None = None  # the problem file's text, as read
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "start", checked_state(self.system.state_space, self.start))
-        object.__setattr__(self, "goal", checked_goal(self.system, self.goal, "goal"))
+        self.start = checked_state(self.system.state_space, self.start)
+        self.goal = checked_goal(self.system, self.goal, "goal")
         if self.objective not in (known := [*available(self.system), "time"]):
             raise InvalidProblemError(
                 f"{self.objective!r} is none of {', '.join(known)}, the objectives of {self.system.model}",
@@ -118,8 +122,8 @@ class PlanningProblem:
         if self.samples < 2:
             raise InvalidProblemError("a trajectory needs at least 2 samples", path="output.samples")
         if self.initial is not None:
-            object.__setattr__(self, "initial", self._checked_initial())
-        object.__setattr__(self, "via", self._checked_via())
+            self.initial = self._checked_initial()
+        self.via = self._checked_via()
         self._check_assembly()
         self._check_bounds()
 
@@ -190,25 +194,52 @@ class PlanningProblem:
         return coefficients
 
     def _check_bounds(self) -> None:
-        if not self.bounds:
-            return
-        system = self.system
-        outputs = system.outputs(self.start_point, np.zeros(system.input_space.size))
-        margins = [f"sigma_{name}" for name in system.regularity(self.start_point)]
-        known = [*system.state_space.names, *system.input_space.names, *outputs, *margins]
+        known = self._quantities()
         for bound in self.bounds:
             if bound.quantity not in known:
                 raise InvalidProblemError(
                     f"no quantity {bound.quantity!r} to bound; there are {', '.join(known)}",
                     path=f"constraints.{bound.label}",
                 )
+        self.bounds = tuple(self._measured(bound) for bound in self.bounds)
+
+    def _measured(self, bound: Bound) -> Bound:
+        """With the scale of its quantity: by unit for states and inputs, else by what these change of it."""
+        system, name, scales = self.system, bound.quantity, self.scales
+        units = {block.name: block.unit for block in system.state_space.blocks}
+        if name in units:
+            return replace(bound, scale=scales.of(units[name]), coordinate=True)
+        inputs = {block.name: block.unit for block in system.input_space.blocks}
+        if name in inputs:
+            return replace(bound, scale=scales.of(inputs[name]) / scales.time)
+        return replace(bound, scale=1.0 if name.startswith("sigma_") else self._size_of_output(name))
+
+    def _size_of_output(self, name: str) -> float:
+        """How much an output changes, to first order about the start, when states and inputs do by their scales."""
+        scales, space = self.scales, self.system.state_space
+        still, changed = np.zeros(self.system.input_space.size), []
+        here = np.asarray(self.system.output(name, self.start_point, still), dtype=float)
+        for step in NUDGE * np.diag(scales.states):
+            moved = np.asarray(space.retract(self.start_point, step))
+            changed.append(self.system.output(name, moved, still) - here)
+        for step in NUDGE * np.diag(scales.inputs):
+            changed.append(self.system.output(name, self.start_point, step) - here)
+        size = np.abs(np.array(changed, dtype=float)).sum(axis=0).max(initial=0.0) / NUDGE
+        largest = float(np.abs(here).max(initial=0.0))
+        return next((float(s) for s in (size, largest) if np.isfinite(s) and s > 0), 1.0)
+
+    def _quantities(self) -> list[str]:
+        """What may be bounded. Errors: `InvalidProblemError` where two entries of a trajectory have one name."""
+        parts = numeric_system(self.system).names
+        check_names(parts)
+        return [name for _, name, _ in parts if not name.startswith("det_")]
 
     def towards(self, goal: Mapping[str, Any]) -> Self:
         """This problem with another goal; what a goal does not touch is not checked again."""
-        other = copy(self)
+        other = object.__new__(type(self))
+        other.__dict__.update(self.__dict__, goal=checked_goal(self.system, goal, "goal"))
         for name in ("goal_point", "tasks", "scales"):
             other.__dict__.pop(name, None)
-        object.__setattr__(other, "goal", checked_goal(self.system, goal, "goal"))
         other._check_room()
         return other
 
@@ -235,9 +266,13 @@ class PlanningProblem:
         """What counts as 1: what solvers divide by, so that a plan depends on no unit."""
         poses = [self.start, *(via.goal for via in self.via), self.goal]
         durations = (self.horizon.initial, self.horizon.maximum, self.horizon.minimum)
-        return natural_scales(
-            self.system, poses, self.bounds, durations, self.error_length, self.length_scale
-        )
+        boxes = [(bound.quantity, bound.lower, bound.upper) for bound in self.bounds]
+        return natural_scales(self.system, poses, boxes, durations, self.error_length, self.length_scale)
+
+    @property
+    def goal_is_a_pose(self) -> bool:
+        """Whether the goal fixes the whole state; else many states may meet it."""
+        return set(self.goal) == set(self.system.state_space.names)
 
     def goal_error(self, point: Array) -> float:
         """E at a packed point, [Paper] section 4; NaN where it has none."""
@@ -253,7 +288,7 @@ class PlanningProblem:
         return Control(self.basis, coefficients, horizon or self.horizon.fixed)
 
 
-def checked_state(space: StateSpace, values: Mapping[str, Any]) -> dict[str, Array]:
+def checked_state(space: StateSpace, values: Mapping[str, Any]) -> Mapping[str, Array]:
     """A value for every block of the start, as `checked_values`."""
     unknown = [name for name in values if name not in space.names]
     missing = [name for name in space.names if name not in values]
@@ -267,7 +302,7 @@ def checked_state(space: StateSpace, values: Mapping[str, Any]) -> dict[str, Arr
     return checked_values(space.blocks, values, "start")
 
 
-def checked_goal(system: System, values: Mapping[str, Any], part: str) -> dict[str, Array]:
+def checked_goal(system: System, values: Mapping[str, Any], part: str) -> Mapping[str, Array]:
     """Values of a goal or via pose: some of the state's blocks and of the system's outputs of the pose."""
     blocks = [*system.state_space.blocks, *system.pose_outputs]
     unknown = [name for name in values if name not in [block.name for block in blocks]]
@@ -286,8 +321,8 @@ def checked_goal(system: System, values: Mapping[str, Any], part: str) -> dict[s
     return checked_values(blocks, values, part)
 
 
-def checked_values(blocks: Sequence[Block], values: Mapping[str, Any], part: str) -> dict[str, Array]:
-    """Values per block as read-only arrays of the right shape; rotations must be rotations within 1e-6.
+def checked_values(blocks: Sequence[Block], values: Mapping[str, Any], part: str) -> Mapping[str, Array]:
+    """Values per block, frozen, as arrays of the right shape; rotations must be rotations within 1e-6.
 
     Directions become unit vectors.
     """
@@ -316,7 +351,7 @@ def checked_values(blocks: Sequence[Block], values: Mapping[str, Any], part: str
             value = _unit(value, path)
         value.flags.writeable = False
         checked[block.name] = value
-    return checked
+    return FixedDict(checked)
 
 
 def _unit(value: Array, path: str) -> Array:

@@ -7,6 +7,9 @@ from dataclasses import dataclass, field, replace
 from enum import Enum
 from typing import Any, ClassVar, Protocol
 
+import numpy as np
+
+from nhpocp import so3
 from nhpocp.arrays import Array
 from nhpocp.constraints import BoundReport
 from nhpocp.controls.control import Control
@@ -179,6 +182,21 @@ class Solution:
         """True only where the solver claims it and verification confirms it."""
         return self.outcome is Outcome.CONVERGED and self.verdict is not None and self.verdict.ok
 
+    @property
+    def pose_reached(self) -> str:
+        """The state at the end in words, angles in degrees; empty where the path does not reach its end."""
+        parts = []
+        for block in self.problem.system.state_space.blocks:
+            value = np.asarray(self.trajectory[block.name][-1], dtype=float)
+            if not np.isfinite(value).all():
+                return ""
+            if block.kind == "rotation":
+                angles = np.degrees(np.asarray(so3.to_rpy(value), dtype=float))
+                parts.append(f"{block.name} roll, pitch, yaw = {_numbers(angles)} deg")
+            else:
+                parts.append(f"{block.name} = {_numbers(np.ravel(value))}")
+        return ", ".join(parts)
+
     def judged(self, verdict: Verdict, verify_seconds: float = 0.0) -> Solution:
         """The same solution with a verdict; a claim that it refutes changes the outcome."""
         outcome, message = self.outcome, self.message
@@ -190,6 +208,11 @@ class Solution:
         timing = {**self.timing, "verify_s": verify_seconds}
         timing["total_s"] = sum(timing.get(key, 0.0) for key in ("build_s", "solve_s", "verify_s"))
         return replace(self, outcome=outcome, message=message, verdict=verdict, timing=timing)
+
+
+def _numbers(values: Array) -> str:
+    words = [f"{0.0 if abs(value) < 1e-9 else value:.6g}" for value in values]
+    return words[0] if len(words) == 1 else f"({', '.join(words)})"
 
 
 class Progress(Protocol):

@@ -6,13 +6,14 @@ has ``dimension`` numbers, a rotation taking three: the angular velocity ω in b
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 from nhpocp import so3
 from nhpocp.arrays import Array, namespace, norm
 from nhpocp.errors import InvalidProblemError
+from nhpocp.frozen import Frozen
 
 Kind = Literal["vector", "scalar", "rotation", "direction"]
 Unit = Literal["length", "angle", ""]
@@ -69,8 +70,29 @@ def direction(name: str) -> Block:
     return Block(name, "direction", 3, "angle")
 
 
-class StateSpace:
+def check_distinct(parts: Iterable[tuple[str, str, Iterable[str]]]) -> None:
+    """Names of parts of a state or trajectory: printable, and none twice, among those of the parts' numbers either.
+
+    parts: what it is, its name, the names of its numbers. Errors: `InvalidProblemError`, as for `x[0]` beside the
+    vector `x`.
+    """
+    taken: dict[str, str] = {}
+    for what, name, labels in parts:
+        words, names = f"{what} {name!r}", dict.fromkeys([name, *labels])
+        if not name or not name.isprintable():
+            raise InvalidProblemError(f"{words}: expected a name of one or more printable characters")
+        for each in names:
+            if each in taken:
+                raise InvalidProblemError(
+                    f"{taken[each]} and {words} are both called {each!r}; rename one of them"
+                )
+        taken |= dict.fromkeys(names, words)
+
+
+class StateSpace(Frozen):
     """A product of blocks, in order. Points may be numbers or CasADi symbols."""
+
+    noun: ClassVar[str] = "space"
 
     def __init__(self, blocks: Sequence[Block]) -> None:
         self.blocks = tuple(blocks)
@@ -86,12 +108,17 @@ class StateSpace:
             self._points[block.name] = slice(point, point + block.size)
             self._tangents[block.name] = slice(tangent, tangent + block.dimension)
             point, tangent = point + block.size, tangent + block.dimension
+        check_distinct([("block", block.name, block.labels) for block in blocks])
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, StateSpace) and self.blocks == other.blocks
 
     def __hash__(self) -> int:
         return hash(self.blocks)
+
+    def with_(self, **changes: Any) -> StateSpace:
+        """The same blocks, or others: ``blocks``."""
+        return StateSpace(**{"blocks": self.blocks, **changes})
 
     def __repr__(self) -> str:
         return f"StateSpace({', '.join(f'{block.name}: {block.kind}{list(block.shape)}' for block in self.blocks)})"
@@ -102,7 +129,7 @@ class StateSpace:
         return [label for block in self.blocks for label in block.labels]
 
     @property
-    def tangent_units(self) -> list[str]:
+    def tangent_units(self) -> list[Unit]:
         """The unit of each tangent number: length, angle, or none."""
         return [block.unit for block in self.blocks for _ in range(block.dimension)]
 

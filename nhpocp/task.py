@@ -14,7 +14,8 @@ from nhpocp import so3
 from nhpocp.arrays import Array, namespace
 from nhpocp.calls import call, side_by_side
 from nhpocp.errors import OrientationAtPiError
-from nhpocp.state_space import Block, StateSpace
+from nhpocp.kept import kept
+from nhpocp.state_space import Block, StateSpace, Unit
 from nhpocp.systems.system import System
 
 HALF_TURN_WITHIN = 1e-7  # [rad]; closer to π the axis of the error is noise
@@ -59,7 +60,7 @@ class Task:
         return len(self.units)
 
     @cached_property
-    def units(self) -> list[str]:
+    def units(self) -> list[Unit]:
         """The unit of each number of e: length, angle, or none."""
         units = self.space.tangent_units
         return [units[i] for i in self.rows] + [o.unit for o in self.outputs for _ in range(o.dimension)]
@@ -202,7 +203,7 @@ def _part(space: StateSpace, fixed: StateSpace, point: Array) -> Array:
     return fixed.pack({name: here[name] for name in fixed.names})
 
 
-@lru_cache(maxsize=64)
+@kept(most=64)
 def _difference(space: StateSpace, fixed: StateSpace) -> ca.Function:
     """(point, wanted blocks) ↦ (`StateSpace.difference` of the two, the angles of its rotations)."""
     point, wanted = ca.SX.sym("x", space.size), ca.SX.sym("wanted", fixed.size)
@@ -224,7 +225,7 @@ def _observed(system: System, name: str, point: Array) -> tuple[Array, Array]:
     return value.ravel(), by_tangent.T
 
 
-@lru_cache(maxsize=64)
+@kept(most=64)
 def _observer(system: System, name: str) -> ca.Function:
     space = system.state_space
     x, delta = ca.SX.sym("x", space.size), ca.SX.sym("delta", space.dimension)

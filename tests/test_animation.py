@@ -180,11 +180,11 @@ def test_different_systems_of_one_dimension_may_stand_side_by_side():
 
 
 def test_what_is_not_finite_is_not_drawn(monkeypatch):
-    system = good().problem.system
+    system = type(good().problem.system)
     whole = system.drawing
 
-    def torn(state):
-        found = whole(state)
+    def torn(self, state):
+        found = whole(self, state)
         if found["lines"]["leg 1"][1, 2] > 30:
             found["lines"]["platform"] = np.nan * found["lines"]["platform"]
             found["solids"]["leg 1"]["ends"] = np.nan * found["solids"]["leg 1"]["ends"]

@@ -19,6 +19,7 @@ from nhpocp.cli import verbs
 from nhpocp.cli.entry import status
 from nhpocp.solution import Outcome
 from nhpocp.solution_folder import load_solution
+from nhpocp.solvers import interruption
 from nhpocp.views import figures
 
 PROBLEMS = Path(__file__).parents[1] / "problems"
@@ -314,6 +315,64 @@ def test_a_full_standard_output_exits_2(tmp_path):
         assert (done.returncode, done.stderr) == (2, "No space left on device\n")
 
 
+LIMITED = """
+import resource, signal
+from nhpocp.cli import main
+from nhpocp.views import {room}
+before = {room}.{name}
+def limited(*arguments):  # what is written from here on fails as on a full disk
+    signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (2000, resource.RLIM_INFINITY))
+    try:
+        return before(*arguments)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
+{room}.{name} = limited
+main()
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="limits of the system")
+@pytest.mark.parametrize(
+    ("verb", "room", "name", "missing"),
+    [
+        ("solve", "figures", "write_pictures", "the pictures could not be written (File too large)"),
+        ("compare", "animation", "animate_runs", "animation.html could not be written (File too large)"),
+        (
+            "analyze",
+            "analysis_figures",
+            "write_pictures",
+            "the pictures could not be written (File too large)",
+        ),
+    ],
+)
+def test_pictures_without_room_are_a_warning_and_the_rest_is_written(verb, room, name, missing, tmp_path):
+    program = [sys.executable, "-c", LIMITED.format(room=room, name=name)]
+    done = subprocess.run(
+        [*program, verb, str(PROBLEMS / "unicycle.yaml"), "--json", "-o", "out"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert any(missing in warning for warning in json.loads(done.stdout)["warnings"])
+    names = {path.name for path in (tmp_path / "out").rglob("*")}
+    assert names & {"solution.json", "analysis.json"}
+    assert "animation.html" not in names
+    assert ("robot.png" in names) == (verb == "compare")
+
+
+def test_what_is_missing_is_said_in_a_terminal_too(monkeypatch, tmp_path, capsys):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(figures, "write_pictures", full)
+    assert status([*SOLVE, "--set", "output.pictures=true", "-o", str(tmp_path / "out")]) == 0
+    assert "warning: the pictures could not be written (No space left on device)" in capsys.readouterr().out
+
+
 def test_check_names_every_file(tmp_path):
     bad = tmp_path / "bad.yaml"
     bad.write_text("nhpocp: 1\n")
@@ -418,13 +477,17 @@ SOLVE = ["solve", str(PROBLEMS / "paper.yaml"), *FAST]
     ],
 )
 def test_ctrl_c_at_any_stage_leaves_a_folder(room, name, times, outcome, tmp_path, monkeypatch, capsys):
+    """Drawing ends, with a warning: numbers alone are worth waiting for."""
+    monkeypatch.setattr(interruption, "PATIENCE", 60.0)
     pictures = ["--set", "output.pictures=true"] if room is figures else []
     monkeypatch.setattr(room, name, raising(getattr(room, name), times))
     assert status([*SOLVE, *pictures, "-o", str(tmp_path / "out")]) == (outcome != "converged")
     assert load_solution(tmp_path / "out").outcome.value == outcome
     assert outcome in capsys.readouterr().out
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
-    assert (tmp_path / "out" / "robot.png").exists() == bool(pictures)
+    assert not (tmp_path / "out" / "robot.png").exists()
+    warnings = load_solution(tmp_path / "out").warnings
+    assert any("pictures could not be written (stopped by hand)" in one for one in warnings) == bool(pictures)
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 

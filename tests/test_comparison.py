@@ -21,6 +21,7 @@ from conftest import Integrators, paper_problem
 from nhpocp.comparison import Comparison, Entry, Run, compare
 from nhpocp.comparison_folder import load_comparison, plan, write_comparison
 from nhpocp.controls.control import Control
+from nhpocp.controls.fourier import Fourier
 from nhpocp.errors import InvalidProblemError, UnreadableSolutionError
 from nhpocp.flow.simulation import simulate
 from nhpocp.problem import Horizon, PlanningProblem
@@ -68,7 +69,9 @@ def line(goal: float = 1.0, **changes: Any) -> PlanningProblem:
 def made(scale: float = 1.0, ok: bool | None = True, **changes: Any) -> Solution:
     """A Solution by hand: u = scale·(1 + sin), whose effort is 1.5·scale²."""
     problem = changes.pop("problem", line())
-    control = Control(problem.basis, scale * np.array([[1, 1, 0, 0, 0], [0, 0, 0, 0, 0]]), 1.0)
+    coefficients = np.zeros((2, problem.basis.size))
+    coefficients[0, :2] = scale
+    control = Control(problem.basis, coefficients, 1.0)
     motion = simulate(problem, control)
     verdict = None if ok is None else Verdict(1e-9 if ok else 2.0, ok, "by hand", [] if ok else ["E = 2"])
     values: dict[str, Any] = {
@@ -188,6 +191,17 @@ def test_names_that_are_used_twice_are_told_apart_by_their_settings():
     runs = [made(), made(settings={"gamma": 0.5}), made(settings={"gamma": 0.5})]
     variants = [entry.variant for entry in Comparison.of(runs).entries]
     assert variants == ["jacobian:gamma=0.1", "jacobian:gamma=0.5", "jacobian:gamma=0.5 (2)"]
+
+
+def test_runs_that_differ_in_their_control_are_called_by_it():
+    runs = [made(problem=line(basis=Fourier(h), initial=None)) for h in (1, 2, 5)]
+    runs += [made(problem=line(basis=Fourier(5), initial=np.zeros((2, 11))))]
+    comparison = Comparison.of(runs)
+    assert len(comparison.groups) == 1
+    assert [entry.variant for entry in comparison.entries] == [
+        *(f"jacobian:control.harmonics={h},control.initial=auto" for h in (1, 2, 5)),
+        "jacobian:control.harmonics=5,control.initial=given",
+    ]
 
 
 def test_two_tasks_of_one_name_are_two_groups():
@@ -363,7 +377,8 @@ def test_animations_are_made_where_pictures_are_wanted_and_something_moves(tmp_p
     written = write_comparison(Comparison.of(runs), tmp_path, report, animate)
     assert asked == [["a"], ["c"]]
     assert linked == [{"a": "a/animation.html"}]
-    assert written[-1].read_text() == "a page"
+    assert written.files[-1].read_text() == "a page"
+    assert written.missing == []
     assert sorted(path.name for path in (tmp_path / "a").iterdir()) == ["animation.html"]
 
 
@@ -469,9 +484,13 @@ def test_ctrl_c_writes_the_report_of_what_is_there(tmp_path):
     process.send_signal(signal.SIGINT)
     process.communicate(timeout=120)
     assert process.returncode == 1
-    rows = json.loads((tmp_path / "results" / "comparison.json").read_text())["runs"]
-    assert [row["outcome"] for row in rows] == ["interrupted"]
-    assert "Stopped by hand; not run: paper by nlp." in (tmp_path / "results" / "report.html").read_text()
+    found = json.loads((tmp_path / "results" / "comparison.json").read_text())
+    assert [row["outcome"] for row in found["runs"]] == ["interrupted"]
+    note, *missing = found["warnings"]
+    assert note == "Stopped by hand; not run: paper by nlp."
+    report = tmp_path / "results" / "report.html"  # where the time was enough
+    assert report.exists() == (not missing)
+    assert not report.exists() or note in report.read_text()
 
 
 def test_python_says_it_as_the_contract_does(tmp_path):

@@ -6,6 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nhpocp.constraints import Bound, check_bounds
+from nhpocp.problem import Horizon, PlanningProblem
+from nhpocp.systems.three_upu import ThreeUPU
 
 LAW = settings(max_examples=50, deadline=None, derandomize=True)
 TIMES = np.linspace(0, 1, 5)
@@ -55,7 +57,14 @@ def test_the_worst_component_and_time_are_named():
     (report,) = check_bounds([Bound("leg_length", "l", -1, 1)], TIMES, {"l": values})
     assert (report.worst, report.time, report.component, report.ok) == (3, 0.75, (1, 0), False)
     assert report.describe() == "leg_length[1][0] is -4 at t=0.75, outside [-1, 1]"
-    assert report.to_json() == {"worst": 3, "ok": False, "t": 0.75, "component": [1, 0], "value": -4}
+    assert report.to_json() == {
+        "worst": 3,
+        "ok": False,
+        "t": 0.75,
+        "component": [1, 0],
+        "value": -4,
+        "allowed": 0.001,
+    }
 
 
 def test_a_scalar_quantity_has_no_component():
@@ -104,3 +113,49 @@ def test_every_bound_gets_its_own_report_in_order():
     reports = check_bounds(bounds, TIMES, {"q": np.zeros(5), "w": -np.ones(5)})
     assert [report.bound for report in reports] == bounds
     assert [report.ok for report in reports] == [True, False]
+
+
+# --- what a tolerance is a share of -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("lower", "upper", "coordinate", "sizes"),
+    [
+        (20.0, 60.0, False, (20.0, 60.0)),  # a length counts from 0
+        (-200.0, 200.0, False, (200.0, 200.0)),
+        (0.0, np.inf, False, (15.0, 15.0)),  # nothing but the quantity's own scale
+        (0.0, 0.1, False, (0.1, 0.1)),
+        (0.0, 0.0, False, (15.0, 15.0)),
+        (1e-9, np.inf, False, (1.5e-3, 15.0)),  # as good as 0
+        (-np.inf, 1000.0, True, (15.0, 15.0)),  # where 0 lies says nothing of a coordinate
+        (999.5, 1000.0, True, (0.5, 0.5)),
+        (0.0, 0.0, True, (15.0, 15.0)),
+        (-0.1, np.inf, True, (0.1, 15.0)),
+    ],
+)
+@given(unit=st.floats(1e-9, 1e9))
+@settings(max_examples=5, deadline=None)
+def test_sizes_of_limits(lower, upper, coordinate, sizes, unit):
+    bound = Bound("b", "q", lower * unit, upper * unit, 15.0 * unit, coordinate)
+    found = [size for size, side in zip(bound.sizes, (lower, upper), strict=True) if np.isfinite(side)]
+    wanted = [size * unit for size, side in zip(sizes, (lower, upper), strict=True) if np.isfinite(side)]
+    np.testing.assert_allclose(found, wanted, rtol=1e-9)
+
+
+def test_a_problem_says_what_its_quantities_measure():
+    """States and inputs by their units, outputs by what these change of them."""
+    quantities = ("position", "v", "u", "leg_lengths", "joint_angles", "sigma_w")
+    scales = []
+    for s, tau in ((1.0, 1.0), (1e-3, 1e3)):
+        problem = PlanningProblem(
+            system=ThreeUPU(base_radius=30 * s, platform_radius=15 * s),
+            start={"position": [0, 0, 25 * s], "orientation": np.eye(3)},
+            goal={"position": [0, 0, 30 * s]},
+            horizon=Horizon(tau),
+            bounds=[Bound(name, name, 0.0) for name in quantities],
+        )
+        assert [bound.coordinate for bound in problem.bounds] == [True, *[False] * 5]
+        scales.append(np.array([bound.scale for bound in problem.bounds]))
+    assert scales[0][:2].tolist() == [15.0, 1.0]
+    assert 1 < scales[0][2] < 1000
+    np.testing.assert_allclose(scales[1] / scales[0], [1e-3, 1e-3, 1e-6, 1e-3, 1, 1], rtol=1e-6)

@@ -11,7 +11,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1] / "nhpocp"
 FLOORS = {
-    0: ("arrays", "calls", "deferred", "errors", "machine", "so3", "state_space"),
+    0: ("arrays", "calls", "deferred", "errors", "frozen", "kept", "machine", "so3", "state_space"),
     1: ("systems", "controls"),
     2: ("flow", "solution", "problem", "task", "constraints", "objectives", "scales"),
     3: ("solvers",),
@@ -21,11 +21,12 @@ FLOORS = {
 }
 CHAINS = [  # inside a floor: a group may import the groups to its right, never those to its left
     ["state_space", "so3", "arrays"],
-    ["calls", "arrays"],
+    ["state_space", "frozen", "errors"],
+    ["calls", "arrays kept"],
     ["controls", "controls.basis", "controls.table"],
     ["systems", "systems.system"],
     ["flow.end_point_map flow.simulation", "flow.variational", "flow.integrators flow.kernels"],
-    ["solution", "problem", "scales", "task constraints objectives"],
+    ["solution", "problem", "task constraints", "scales objectives"],
     ["solvers.lockstep", "solvers.strategies", "solvers.continuation", "solvers.generalized_inverses"],
     ["solvers.strategies", "solvers.multiple_shooting", "solvers.generalized_inverses"],
     ["comparison batch", "planning", "verification"],

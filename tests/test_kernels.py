@@ -539,7 +539,6 @@ def test_auto_builds_in_the_background_and_then_uses_it(cache, monkeypatch):
     (file,) = stored(cache)
     second = end_point(eager, system)
     np.testing.assert_allclose(second.jacobian, first.jacobian, atol=1e-12)
-    assert kernels._of_sweeps.cache_info().currsize == 1
     assert len(begun) == 1
     assert file.exists()
 

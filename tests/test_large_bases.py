@@ -19,7 +19,7 @@ from nhpocp.flow.integrators import RungeKutta4, enough_steps
 from nhpocp.machine import reset_peak_memory
 from nhpocp.solution import Outcome
 from nhpocp.solvers.continuation import Continuation
-from nhpocp.solvers.generalized_inverses import L2Metric
+from nhpocp.solvers.generalized_inverses import Coordinates, L2Metric
 from nhpocp.solvers.multiple_shooting import MultipleShooting
 from nhpocp.solvers.step_rules import Adaptive
 
@@ -52,7 +52,7 @@ def test_a_large_control_costs_what_its_numbers_take(basis):
     def work():
         assert np.isfinite(control(times)).all()
         assert control.effort > 0
-        coordinates = L2Metric().coordinates(basis, 3, 1.0)
+        coordinates = Coordinates.natural(L2Metric(), basis, np.ones(3), 1.0)
         assert coordinates.length(coefficients.ravel()) ** 2 == pytest.approx(control.effort, rel=1e-9)
 
     assert peak(work) < 100

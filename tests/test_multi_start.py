@@ -1,6 +1,8 @@
 """`starts`: the first of several starts that reaches the goal, the same on any executor."""
 
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from time import perf_counter
 
 import numpy as np
 import pytest
@@ -9,8 +11,11 @@ from conftest import paper_problem
 from nhpocp import planning
 from nhpocp.problem_file import parse_problem
 from nhpocp.solution import Outcome
+from nhpocp.solvers import multi_start
 from nhpocp.solvers.continuation import Continuation
 from nhpocp.solvers.multi_start import MultiStart, processes
+from nhpocp.solvers.multiple_shooting import MultipleShooting
+from nhpocp.solvers.optimizers import Ipopt
 from nhpocp.solvers.step_rules import Adaptive
 
 
@@ -62,3 +67,35 @@ solvers: {jacobian: {starts: 3, step_rule: adaptive}}
     solver = parse_problem(text).solvers["jacobian"]
     assert isinstance(solver, MultiStart)
     assert solver.settings()["starts"] == 3
+
+
+def test_the_times_are_those_of_all_starts(monkeypatch):
+    """Whatever the winner took alone: the clock of the whole, building included."""
+    clock = iter([100.0, 107.5])
+    monkeypatch.setattr(multi_start, "perf_counter", lambda: next(clock))
+    problem = paper_problem(initial=np.zeros((3, 5)))
+    solution = MultiStart(Continuation(step_rule=Adaptive()), 3, one_thread).solve(problem)
+    assert len(solution.details["tried"]) == 2
+    assert solution.timing["build_s"] + solution.timing["solve_s"] == pytest.approx(7.5)
+
+
+@dataclass(frozen=True)
+class Watched(Ipopt):
+    """IPOPT, with a note of what each of its solves took."""
+
+    seen: list[tuple[int, float]] = field(default_factory=list)
+
+    def solve(self, *arguments):
+        began = perf_counter()
+        optimum = super().solve(*arguments)
+        self.seen.append((optimum.evaluations, perf_counter() - began))
+        return optimum
+
+
+def test_the_starts_of_the_nlp_are_counted_together(problem):
+    solver = MultipleShooting(intervals=6, starts=3, optimizer=Watched())
+    solution = solver.solve(problem)
+    evaluations, seconds = np.sum(solver.optimizer.seen, axis=0)
+    assert len(solver.optimizer.seen) >= 3
+    assert solution.evaluations == evaluations
+    assert solution.timing["solve_s"] >= seconds

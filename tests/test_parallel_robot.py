@@ -194,17 +194,15 @@ def test_planted_errors_are_seen(flawed, legs):
 
 def test_a_universal_joint_turned_about_its_normal_is_seen():
     """A leg that rolls as if r were fixed in the base is no ordinary universal joint."""
-    robot = ParallelRobot.preset("translational")
-    rolls = ParallelRobot(
-        legs=[replace(leg, joint="veselova", w1=None, w2=None, r=leg.w1) for leg in robot.legs]
-    )
-    rolls.legs = robot.legs  # what the check is told
-    found = NumericSystem(ParallelRobot(legs=list(robot.legs)))
+
+    class Rolling(ParallelRobot):
+        def constraint_rows(self, leg, pose, arm):
+            rolling = replace(leg, joint="veselova", w1=None, w2=None, r=leg.w1)
+            return rolling.constraints(replace(pose, r=np.array(leg.w1)), arm)
+
+    found, rolls = (NumericSystem(robot.preset("translational")) for robot in (ParallelRobot, Rolling))
     assert geometry.residuals(found, POINT[None], np.ones((1, 3)))[0][0] < 1e-8
-    rolls.constraint_rows = lambda leg, pose, arm: replace(  # type: ignore[method-assign]
-        leg, joint="veselova", w1=None, w2=None, r=leg.w1
-    ).constraints(replace(pose, r=np.array(leg.w1)), arm)
-    assert geometry.residuals(NumericSystem(rolls), POINT[None], np.ones((1, 3)))[0][0] > 1e-3
+    assert geometry.residuals(rolls, POINT[None], np.ones((1, 3)))[0][0] > 1e-3
 
 
 # --- what holonomic joints hold ---------------------------------------------------------------------------------------

@@ -1,12 +1,13 @@
 """What `solve` refuses before a solver starts, and what it makes of a solver's claim."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from conftest import paper_problem, yaw
 
-from nhpocp import planning
+from nhpocp import planning, so3
 from nhpocp.constraints import Bound
 from nhpocp.flow.dynamics import Dynamics
 from nhpocp.flow.integrators import RungeKutta4
@@ -45,6 +46,26 @@ def test_other_component_for_every_solver_and_form(solver, form):
     assert (solution.outcome, solution.evaluations) == (Outcome.OTHER_COMPONENT, 0)
     assert "det W is" in solution.message
     assert not solution.converged
+
+
+@pytest.mark.parametrize("solver", SOLVERS, ids=lambda solver: solver.name)
+@pytest.mark.parametrize(
+    "goal", [{"leg_lengths": [38, 39, 40]}, {"position": [0.4, 0.1, 29]}], ids=["legs", "place"]
+)
+def test_a_goal_that_many_poses_meet_names_the_one_reached(solver, goal):
+    solution = planning.solve(paper_problem(goal=goal), solver)
+    assert solution.converged
+    named = re.search(
+        r"It ends at position = \((.*)\), orientation roll, pitch, yaw = \((.*)\) deg\.", solution.message
+    )
+    position, angles = (np.array([float(word) for word in part.split(",")]) for part in named.groups())
+    np.testing.assert_allclose(position, solution.trajectory["position"][-1], rtol=1e-5)
+    rotation = so3.from_rpy(np.radians(angles))
+    np.testing.assert_allclose(rotation, solution.trajectory["orientation"][-1], atol=1e-5)
+
+
+def test_a_goal_that_is_a_pose_needs_no_naming():
+    assert "It ends at" not in planning.solve(paper_problem(), SOLVERS[0]).message
 
 
 def test_the_problems_own_solver_is_the_default():

@@ -304,6 +304,39 @@ def test_the_warning_agrees_with_verification(position, angles, limits) -> None:
         assert f"{report.value:.4g}, {report.limit_words()}" in said[0]
 
 
+METRES = """nhpocp: 1
+system: {model: three_upu, base_radius: 0.03, platform_radius: 0.015}
+start: {position: [0, 0, 0.025], orientation: {rpy: [0, 0, 0]}}
+goal: {position: [0, 0, 0.035]}
+error_length: 0.001
+constraints: {state: {position: [[-1, -1, -1], [1, -0.0001, 1]]}}
+"""
+
+
+def test_a_bound_is_measured_by_the_machine_in_any_unit() -> None:
+    """In metres, a tenth of a millimetre is within 1e-3 of 1, and far outside."""
+    for text in (METRES, METRES.replace("-0.0001", "0.0001").replace("[0, 0, 0.035]", "[0, 0.0002, 0.035]")):
+        warnings = read_text(text).warnings
+        assert warnings
+        assert all("state.position[1]" in warning for warning in warnings)
+    assert read_text(METRES.replace("-0.0001", "0.0")).warnings == []
+
+
+@pytest.mark.parametrize("system", ["three_upu, base_radius: 0.03, platform_radius: 0.015", "unicycle"])
+def test_a_tolerance_that_is_large_beside_the_motion_is_warned_of(system) -> None:
+    text = METRES.partition("constraints")[0]
+    if system == "unicycle":  # which has no length but what it is to cover
+        text = (
+            text.partition("start")[0]
+            + "start: {x: 0, y: 0, theta: 0}\ngoal: {y: 0.01}\nerror_length: 0.001\n"
+        )
+        text = text.replace("three_upu, base_radius: 0.03, platform_radius: 0.015", system)
+    assert read_text(text).warnings == []
+    (warning,) = read_text(text.replace("error_length: 0.001\n", "")).warnings
+    assert warning.startswith("error_length: 1 is the length that counts as much as one radian")
+    assert warning.endswith("by 0.001, where the motion is 0.01; write error_length: 0.01")
+
+
 def test_overrides_change_data_and_text_and_keep_comments() -> None:
     overrides = [
         "solvers.jacobian.gamma=0.5",

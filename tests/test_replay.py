@@ -10,6 +10,8 @@ import pytest
 from conftest import PAPER_START, paper_problem
 
 import nhpocp.verification.replay as module
+from nhpocp import planning
+from nhpocp.arrays import namespace
 from nhpocp.controls.bspline import BSpline
 from nhpocp.controls.control import Control
 from nhpocp.controls.fourier import Fourier
@@ -17,7 +19,15 @@ from nhpocp.controls.legendre import Legendre
 from nhpocp.controls.piecewise_constant import PiecewiseConstant
 from nhpocp.controls.projection import project
 from nhpocp.controls.sequence import SequenceBasis
-from nhpocp.systems.numeric import NumericSystem
+from nhpocp.problem import Horizon, PlanningProblem
+from nhpocp.state_space import StateSpace, scalar
+from nhpocp.systems.free_nilpotent_36 import FreeNilpotent36
+from nhpocp.systems.heisenberg import Heisenberg
+from nhpocp.systems.numeric import NumericSystem, numeric_system
+from nhpocp.systems.rolling_sphere import RollingSphere
+from nhpocp.systems.system import System
+from nhpocp.systems.three_upu import ThreeUPU
+from nhpocp.systems.unicycle import Unicycle
 from nhpocp.verification.crossings import TOUCH, sign_changes, touches
 from nhpocp.verification.replay import inputs_on_piece, integrate, replay, sample
 
@@ -177,3 +187,70 @@ def test_stretches_of_zeros_are_one_touch_each():
     assert 0.0999 < first < 0.3001
     assert 0.5999 < second < 0.8001
     assert len(touches(lambda t: 0.0, times, np.zeros(101))) == 1
+
+
+# --- units of time ------------------------------------------------------------------------------------------
+
+
+class DoubleIntegrator(System):
+    """q̈ = u, which drifts."""
+
+    model = "double_integrator"
+    state_space = StateSpace([scalar("q"), scalar("rate")])
+    input_space = StateSpace([scalar("u")])
+
+    def vector_fields(self, state):
+        return np.array([[0.0], [1.0]])
+
+    def drift(self, state):
+        return namespace(state).vector([state[1], 0.0 * state[0]])
+
+
+def at_rest(system):
+    """A state of zeros, as far as it can be one."""
+    start = {block.name: np.zeros(block.shape) for block in system.state_space.blocks}
+    for block in system.state_space.blocks:
+        if block.kind == "rotation":
+            start[block.name] = np.eye(3)
+    if isinstance(system, ThreeUPU):
+        start["position"] = np.array([0.0, 0.0, 25.0])
+    return start
+
+
+ALIKE = [Heisenberg(), Unicycle(), FreeNilpotent36(), RollingSphere(), ThreeUPU(), DoubleIntegrator()]
+
+
+@pytest.mark.parametrize("basis", [Fourier(2), PiecewiseConstant(20)], ids=["smooth", "pieces"])
+@pytest.mark.parametrize("system", ALIKE, ids=lambda system: system.model)
+def test_the_end_does_not_depend_on_the_unit_of_time(system, basis):
+    """u(t/T)/T ends where u(t) does, from 1e-6 to 1e8; with drift, u(t/T)/T² with rates that are 1/T."""
+    coefficients = 0.5 * np.random.default_rng(1).normal(size=(system.input_space.size, basis.size))
+    start, ends, power = at_rest(system), [], 1 if system.driftless else 2
+    for horizon in (1.0, 1e-6, 1e-3, 1e5, 1e8):
+        problem = PlanningProblem(system=system, start=start, goal=start, horizon=Horizon(horizon))
+        control = Control(basis, coefficients / horizon**power, horizon)
+        path = replay(numeric_system(system), control, problem.start_point, problem.scales.points)
+        assert path.stopped is None
+        ends.append(path.at(horizon) * ([1.0, horizon] if power == 2 else 1.0))
+    np.testing.assert_allclose(ends[1:], [ends[0]] * 4, rtol=0, atol=1e-11)
+
+
+@pytest.mark.parametrize("horizon", [1e-6, 1e5, 1e8])
+@pytest.mark.parametrize("system", [Heisenberg(), Unicycle()], ids=lambda system: system.model)
+def test_a_plan_is_confirmed_in_every_unit_of_time(system, horizon):
+    start = at_rest(system)
+    goal = {**start, system.state_space.names[1]: 0.5}
+    initial = np.array([[0.5, 0.0, -2.0], [0.0, 3.0, 0.0]]) / horizon
+    problem = PlanningProblem(
+        system=system, start=start, goal=goal, basis=Fourier(1), initial=initial, horizon=Horizon(horizon)
+    )
+    solution = planning.solve(problem)
+    assert solution.converged, (solution.message, solution.verdict.reasons)
+
+
+def test_crossings_are_found_in_every_unit_of_time():
+    for horizon in (1e-6, 1.0, 1e8):
+        times = horizon * np.linspace(0, 1, 11)
+        function = lambda t, T=horizon: (t / T - 0.72) ** 2 - 1e-6  # noqa: E731
+        zeros = np.array(sign_changes(function, times, np.array([function(t) for t in times])))
+        np.testing.assert_allclose(zeros / horizon, [0.719, 0.721], rtol=1e-9)

@@ -22,6 +22,7 @@ from test_comparison import line, made
 from test_figures import CASES, good
 
 from nhpocp.comparison import Comparison
+from nhpocp.controls.fourier import Fourier
 from nhpocp.solution import Outcome, Verdict
 from nhpocp.views.report import render, write_report
 from nhpocp.views.report_words import comments, given, number, percent
@@ -424,3 +425,14 @@ def test_animations_are_linked_where_there_are_some():
     page = Page(render(Comparison.of([made()]), {"line": "a b/animation.html"}))
     assert page.named("a") == [{"href": "a%20b/animation.html"}]
     assert "a b/animation.html" in page.words
+
+
+def test_the_control_to_begin_with_is_said_of_every_run_that_has_its_own():
+    runs = [made(problem=line(basis=Fourier(h), initial=None, source=f"harmonics: {h}")) for h in (1, 3)]
+    words = Page(render(Comparison.of(runs))).words
+    for h in (1, 3):
+        name = f"Jacobian method (control.harmonics = {h})"
+        assert f"{name}: fourier, {h} harmonics; drawn by a seed" in words
+        assert f"The problem file as read for {name}:harmonics: {h}" in words.replace("\n", "")
+    alone = Page(render(Comparison.of([made(), made(settings={"gamma": 0.5})]))).words
+    assert "Jacobian method (gamma = 0.1): fourier" not in alone

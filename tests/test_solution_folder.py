@@ -1,8 +1,10 @@
 """Solution folders: what they hold, that they come back whole, and that nothing else is overwritten."""
 
 import csv
+import errno
 import json
 import math
+import os
 import shutil
 import signal
 from dataclasses import dataclass, replace
@@ -24,11 +26,12 @@ from nhpocp.solution_folder import (
     load_solution,
     plain,
     save_solution,
+    store_solution,
     to_json,
     writing,
 )
 from nhpocp.solution_folder.reading import read_arrays
-from nhpocp.solution_folder.target import PICTURES
+from nhpocp.solution_folder.target import DATA, PICTURES
 from nhpocp.solvers.continuation import Continuation
 from nhpocp.solvers.multiple_shooting import MultipleShooting
 from nhpocp.solvers.step_rules import Euler
@@ -349,14 +352,33 @@ def test_written_whole_or_not_at_all(solution, tmp_path, monkeypatch):
     assert load_solution(kept).converged
 
 
-def test_numbers_survive_pictures_that_do_not_fit(solution, tmp_path):
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EACCES, errno.EDQUOT, errno.EIO])
+def test_numbers_survive_pictures_that_do_not_fit_and_say_so(number, solution, tmp_path):
     def greedy(_, folder):
         (folder / "half.png").write_bytes(b"\x89PNG")
-        raise OSError(28, "No space left on device")
+        raise OSError(number, os.strerror(number))
 
     folder = save_solution(solution, tmp_path / "out", greedy)
     assert not (folder / "half.png").exists()
-    assert load_solution(folder).converged
+    back = load_solution(folder)
+    assert back.converged
+    (warning,) = back.warnings
+    assert f"the pictures could not be written ({os.strerror(number)})" in warning
+    assert f"nhpocp plot {folder}" in warning
+    assert sorted(path.name for path in folder.iterdir()) == sorted(
+        name for name in DATA if name != "iterations.csv"
+    )
+
+
+def test_a_disk_with_no_room_for_a_warning_keeps_the_numbers(solution, tmp_path, monkeypatch):
+    def greedy(*_, **__):
+        monkeypatch.setattr(Path, "write_text", greedy)
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    written = store_solution(solution, tmp_path / "out", greedy)
+    monkeypatch.undo()
+    assert "could not be written" in written.warnings[0]
+    assert load_solution(tmp_path / "out").converged
 
 
 # --- what is read ----------------------------------------------------------------------------------------------------

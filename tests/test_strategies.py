@@ -1,5 +1,6 @@
 """`step_rule: auto`: what it tries, in order, and what it says of it."""
 
+import re
 from dataclasses import replace
 
 import goals
@@ -8,6 +9,7 @@ import pytest
 from conftest import paper_problem, yaw
 
 from nhpocp import planning
+from nhpocp.constraints import Bound
 from nhpocp.controls.bspline import BSpline
 from nhpocp.controls.control import Control
 from nhpocp.controls.fourier import Fourier
@@ -178,3 +180,21 @@ def test_least_effort_of_the_winner():
     assert cheap.control.effort < 0.7 * plain.control.effort
     assert isinstance(cheap.control, Control)
     assert isinstance(cheap.control.basis, Fourier)
+
+
+@pytest.mark.parametrize("objective", ["none", "effort"])
+@pytest.mark.parametrize("strategy", [lambda continuation: continuation, Auto], ids=["alone", "auto"])
+@pytest.mark.parametrize("bounded", [False, True])
+def test_the_message_speaks_of_the_control_that_is_returned(objective, strategy, bounded):
+    """The second phase, least cost or bounds, makes another control than the one that first reached the goal."""
+    bounds = [Bound("control", "v", -1.7, 1.7)] if bounded else []
+    problem = paper_problem(bounds=bounds)
+    solver = strategy(Continuation(step_rule=Adaptive(), objective=objective))
+    solution = solver.solve(problem)
+    assert solution.outcome is Outcome.CONVERGED
+    error, updates = re.match(r"E = (\S+) after (\d+) updates", solution.message).groups()
+    assert error == f"{solution.final_error:.3g}"
+    accepted = [record["k"] for record in solution.iterations if record["accepted"]]
+    assert int(updates) == accepted[-1]
+    if objective != "none" or bounded:
+        assert int(updates) > 1

@@ -22,7 +22,7 @@ import pytest
 from nhpocp import planning
 from nhpocp.cli.entry import cli
 from nhpocp.cli.progress import Panel, duration, progress, sparkline
-from nhpocp.cli.summary import comparison_lines, next_commands, task
+from nhpocp.cli.summary import comparison_lines, next_commands, report, task
 from nhpocp.comparison import Comparison, Entry, compare
 from nhpocp.deferred import Deferred
 from nhpocp.problem_file import load_problem, read
@@ -101,7 +101,11 @@ def test_a_comparison_ends_with_a_table_files_and_commands(columns, solved, caps
     )
     monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
     monkeypatch.setenv("COLUMNS", str(columns))
-    comparison_lines(comparison, Path("out/report.html"), {"unicycle": task(UNICYCLE, ["name=my own"])})
+    comparison_lines(
+        comparison,
+        [Path("out/report.html"), Path("out/comparison.csv"), Path("out/comparison.json")],
+        {"unicycle": task(UNICYCLE, ["name=my own"])},
+    )
     lines = [line.rstrip() for line in plain(capsys.readouterr().out).splitlines()]
     said = "\n".join(lines)
     assert max(len(line) for line in lines if not line.startswith("  nhpocp ")) <= columns
@@ -110,6 +114,16 @@ def test_a_comparison_ends_with_a_table_files_and_commands(columns, solved, caps
     for name in ("report.html", "comparison.csv", "comparison.json", "unicycle/jacobian", "b"):
         assert f"  out/{name}" in lines
     assert lines[-2] == f"  nhpocp solve {UNICYCLE} --set 'name=my own' --set solvers.jacobian.step_rule=auto"
+
+
+def test_the_pose_that_a_free_goal_was_met_at_stands_in_the_table(solved, capsys, monkeypatch):
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
+    report(solved, Path("out"))
+    assert "pose reached" not in capsys.readouterr().out
+    goal = {"x": solved.problem.goal["x"]}
+    report(replace(solved, problem=replace(solved.problem, goal=goal)), Path("out"))
+    said = " ".join(plain(capsys.readouterr().out).split())
+    assert f"pose reached {solved.pose_reached}" in said
 
 
 def test_a_comparison_tells_which_run_of_how_many():

@@ -157,7 +157,11 @@ def analyze(
     states, notes = _ends(problem)
     control, excuse = _guess(problem)
     notes += [excuse] if excuse else []
-    followed = replay(numeric_system(system), control, problem.start_point) if control else None
+    followed = (
+        replay(numeric_system(system), control, problem.start_point, problem.scales.points)
+        if control
+        else None
+    )
     fields = Fields(system, Scales(scale, control.horizon if control else starting_horizon(problem)))
     ends = np.array([point for point, _ in states.values()])
     grown, times = _grown(fields, ends, followed, tolerance, degree)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from nhpocp.cli.options import json_option, load, set_option
-from nhpocp.cli.terminal import put
+from nhpocp.cli.terminal import put, say
 from nhpocp.cli.verbs import SOLVED
 
 if TYPE_CHECKING:
@@ -78,9 +78,13 @@ def analyze(
         from nhpocp.views.analysis_figures import write_pictures
 
         pictures = write_pictures
-    save_analysis(found, folder, pictures)
+    missing = save_analysis(found, folder, pictures)
+    for warning in missing:
+        say(f"warning: {warning}")
     if as_json:
-        put({**plain(found.to_json()), "folder": str(folder)})
+        data = plain(found.to_json())
+        warnings = [*data.get("warnings", ()), *missing]
+        put({**data, "warnings": warnings, "folder": str(folder)})
     else:
         for line in lines(found):
             click.echo(line)

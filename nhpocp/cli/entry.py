@@ -8,9 +8,12 @@ from __future__ import annotations
 import gc
 import logging
 import os
+import signal
 import sys
-from collections.abc import Sequence
-from contextlib import suppress
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from types import FrameType
 from typing import Any
 
 import click
@@ -44,7 +47,8 @@ def status(arguments: Sequence[str]) -> int:
     """Runs a verb; its exit status."""
     as_json, debug = "--json" in arguments, "--debug" in arguments
     try:
-        found = cli.main(args=list(arguments), prog_name="nhpocp", standalone_mode=False)
+        with _stopped_alike():
+            found = cli.main(args=list(arguments), prog_name="nhpocp", standalone_mode=False)
         sys.stdout.flush()
     except click.ClickException as error:
         error.show()
@@ -75,6 +79,31 @@ def status(arguments: Sequence[str]) -> int:
         say(f"{place}: {message}" if place else message)
         return _answer(as_json, error_data(error, file=place, message=message), BAD_INPUT)
     return found if isinstance(found, int) else SOLVED
+
+
+@contextmanager
+def _stopped_alike() -> Iterator[None]:
+    """SIGTERM and SIGHUP act like Ctrl-C, unless they are to be ignored (`nohup`)."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    numbers = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    before = {number: signal.getsignal(number) for number in numbers}
+    changed = [number for number in numbers if before[number] is not signal.SIG_IGN]
+    try:
+        for number in changed:
+            signal.signal(number, _as_ctrl_c)
+        yield
+    finally:
+        for number in changed:
+            signal.signal(number, before[number])
+
+
+def _as_ctrl_c(number: int, frame: FrameType | None) -> None:
+    act = signal.getsignal(signal.SIGINT)
+    if not callable(act):  # in the background of a script Ctrl-C means others
+        raise KeyboardInterrupt
+    act(signal.SIGINT, frame)
 
 
 def _answer(as_json: bool, data: Any, status: int) -> int:

@@ -37,21 +37,22 @@ def report(solution: Solution, folder: Path, task: str = "") -> None:
     if solution.verdict:
         for line in verdict_lines(solution.verdict):
             click.echo(line)
+    for warning in solution.warnings:
+        click.echo(f"  warning: {warning}")
     effort = f"effort {solution.control.effort:.6g}"
     parts = [effort, f"{solution.evaluations} evaluations", *_times(solution)]
     click.echo(f"  {', '.join(parts)}")
     click.echo(f"  written: {folder}")
 
 
-def comparison_lines(
-    comparison: Comparison, file: Path, tasks: Mapping[str, str], animations: Sequence[Path] = ()
-) -> None:
+def comparison_lines(comparison: Comparison, files: Sequence[Path], tasks: Mapping[str, str]) -> None:
     """The end of `compare`: a line a run, and where the report is.
 
-    ``tasks``: `report`'s task by the problem's name; ``animations``: written with it.
+    ``files``: that were written; ``tasks``: `report`'s task by the problem's name.
     """
+    animations = [path for path in files if path.stem == "animation"]
     if sys.stdout.isatty():
-        _comparison_table(comparison, file, tasks, animations)
+        _comparison_table(comparison, files, tasks, animations)
         return
     rows = comparison.rows()
     widths = [
@@ -68,7 +69,9 @@ def comparison_lines(
         say(note)
     for path in animations:
         click.echo(f"animation: {path}")
-    click.echo(f"report: {file}")
+    for path in files:
+        if path.stem == "report":
+            click.echo(f"report: {path}")
 
 
 def task(file: Path, overrides: Sequence[str]) -> str:
@@ -125,6 +128,8 @@ def _report_table(solution: Solution, folder: Path, task: str) -> None:
         known = [f"{name} {value:.2g}" for name, value in legs.items() if value is not None]
         if known:
             table.add_row("from geometry", ", ".join(known))
+    if not solution.problem.goal_is_a_pose and solution.pose_reached:
+        table.add_row("pose reached", solution.pose_reached)
     table.add_row("effort", f"{solution.control.effort:.6g}")
     cost = solution.costs.get(solution.problem.objective)
     if cost is not None and solution.problem.objective != "effort":
@@ -135,6 +140,8 @@ def _report_table(solution: Solution, folder: Path, task: str) -> None:
         for word, sentences in (("refuted", verdict.reasons), ("warning", verdict.warnings)):
             for sentence in sentences:
                 table.add_row(word, sentence)
+    for sentence in solution.warnings:
+        table.add_row("warning", sentence)
     table.add_row("written", _written(folder))
     console.print(table)
     _next(console, next_commands(solution, folder, task))
@@ -158,7 +165,7 @@ def _next(console: Console, commands: Sequence[str]) -> None:
 
 
 def _comparison_table(
-    comparison: Comparison, file: Path, tasks: Mapping[str, str], animations: Sequence[Path]
+    comparison: Comparison, files: Sequence[Path], tasks: Mapping[str, str], animations: Sequence[Path]
 ) -> None:
     from rich.box import SIMPLE_HEAD
     from rich.table import Table
@@ -184,8 +191,7 @@ def _comparison_table(
     for note in comparison.notes:
         say(note)
     console.print("written", style="dim")
-    beside = [file.with_name(name) for name in ("comparison.csv", "comparison.json")]
-    for path in [file, *beside, *animations, *filter(None, (entry.folder for entry in comparison.entries))]:
+    for path in [*files, *filter(None, (entry.folder for entry in comparison.entries))]:
         console.print(f"  {path}", soft_wrap=True)
     _next(console, _after(comparison, tasks, bool(animations)))
 

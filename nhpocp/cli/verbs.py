@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gc
-import signal
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,7 +17,7 @@ from nhpocp.cli.terminal import error_data, put, say, verdict_lines
 from nhpocp.errors import InvalidProblemError
 
 if TYPE_CHECKING:
-    from nhpocp.comparison import Comparison
+    from nhpocp.comparison import Comparison, Entry
     from nhpocp.solution import Solution
     from nhpocp.solvers.interruption import Interruption
 
@@ -63,7 +62,7 @@ def solve(
             interruption.patient = True
             if show and problem.pictures:
                 show(DRAWING)
-            _write(solution, folder, trace)
+            solution = _write(solution, folder, trace)
         if as_json:
             put({**to_json(solution), "folder": str(folder)})
         else:
@@ -73,27 +72,27 @@ def solve(
 
 @contextmanager
 def _keeping() -> Iterator[Interruption]:
-    """Ctrl-C is noted and kept for the solver, whatever is running; SIGTERM acts like it."""
+    """Ctrl-C is noted and kept for the solver, whatever is running."""
     from nhpocp.solvers.interruption import Interruption
 
-    before = signal.signal(signal.SIGTERM, lambda *_: signal.raise_signal(signal.SIGINT))
-    try:
-        with Interruption() as interruption:
-            yield interruption
-    finally:
-        signal.signal(signal.SIGTERM, before)
+    with Interruption() as interruption:
+        yield interruption
 
 
-def _write(solution: Solution, folder: Path, trace: bool = False) -> None:
-    """The solution folder, with pictures if the problem asks for them, and the iterations if the user does."""
-    from nhpocp.solution_folder import save_solution
+def _write(solution: Solution, folder: Path, trace: bool = False) -> Solution:
+    """The solution folder, with pictures if the problem asks for them, and the iterations if the user does.
 
-    pictures = None
-    if solution.problem.pictures:
-        from nhpocp.views.figures import write_pictures
+    The solution as it is stored.
+    """
+    from nhpocp.solution_folder import store_solution
 
-        pictures = write_pictures
-    save_solution(solution, folder, pictures, trace=trace)
+    return store_solution(solution, folder, _pictures if solution.problem.pictures else None, trace=trace)
+
+
+def _pictures(solution: Solution, folder: Path) -> None:
+    from nhpocp.views.figures import write_pictures  # once the numbers are written: loading takes its time
+
+    write_pictures(solution, folder)
 
 
 @cli.command()
@@ -102,22 +101,35 @@ def _write(solution: Solution, folder: Path, trace: bool = False) -> None:
 def verify(folder: Path, as_json: bool) -> int:
     """Check the solution in FOLDER, independently of solvers.
 
-    Its control is integrated again by other code, from the files of FOLDER alone.
+    Its control is integrated again by other code, from the files of FOLDER alone, and what they state is compared with
+    what that gives.
     """
-    from nhpocp.solution_folder import load_solution
-    from nhpocp.verification import verify as examine
+    from nhpocp.solution_folder import audit
 
-    solution = load_solution(folder)
-    verdict = examine(solution)
+    found = audit(folder)
+    verdict = found.verdict
     if as_json:
         from nhpocp.solution_folder import plain
 
-        put({"folder": str(folder), "outcome": solution.outcome.value, "verified": plain(verdict.to_json())})
+        put(
+            {
+                "folder": str(folder),
+                "outcome": found.stated.outcome.value,
+                "verified": plain(verdict.to_json()),
+                "differences": found.differences,
+                "unchecked": found.unchecked,
+            }
+        )
     else:
-        click.echo(f"{folder}: {'verified' if verdict.ok else 'refuted'}")
+        differs = " what is stated here differs" if found.differences else ""
+        click.echo(f"{folder}: {'verified' if verdict.ok else 'refuted'}{';' + differs if differs else ''}")
         for line in verdict_lines(verdict):
             click.echo(line)
-    return SOLVED if verdict.ok else NOT_SOLVED
+        for difference in found.differences:
+            click.echo(f"  differs: {difference}")
+        for sentence in found.unchecked:
+            click.echo(f"  not checked: {sentence}")
+    return SOLVED if found.ok else NOT_SOLVED
 
 
 @cli.command()
@@ -275,27 +287,39 @@ def compare(
         from nhpocp.comparison_folder import load_comparison, write_comparison
 
         tasks: dict[str, str] = {}
+        missing: list[str] = []
         if stored:
             found = load_comparison(files)
         else:
-            found, tasks = _compared(files, variants, overrides, output, as_json)
+            found, tasks, missing = _compared(files, variants, overrides, output, as_json)
         interruption.patient = True
-        from nhpocp.views.animation import animate_runs
-        from nhpocp.views.report import write_report
-
         with progress(as_json, "writing the report"):
-            report_file, _, _, *animations = write_comparison(found, output, write_report, animate_runs)
+            written = write_comparison(found, output, _report, _animation, missing)
+        for warning in written.missing:
+            say(f"warning: {warning}")
         if as_json:
-            put(found.to_json())
+            put({**found.to_json(), "warnings": [*found.notes, *written.missing]})
         else:
-            comparison_lines(found, report_file, tasks, animations)
+            comparison_lines(found, written.files, tasks)
     return SOLVED if found.all_converged else NOT_SOLVED
+
+
+def _report(comparison: Comparison, file: Path, animations: Mapping[str, str]) -> None:
+    from nhpocp.views.report import write_report
+
+    write_report(comparison, file, animations)
+
+
+def _animation(entries: Sequence[Entry], file: Path) -> None:
+    from nhpocp.views.animation import animate_runs
+
+    animate_runs(entries, file)
 
 
 def _compared(
     files: Sequence[Path], variants: Sequence[str], overrides: Sequence[str], home: Path, quiet: bool
-) -> tuple[Comparison, dict[str, str]]:
-    """Every run, each stored as soon as it has ended; and what was typed for every problem's name."""
+) -> tuple[Comparison, dict[str, str], list[str]]:
+    """Every run, each stored as soon as it has ended; what was typed for every problem's name; what is missing."""
     from nhpocp import comparison
     from nhpocp.comparison_folder import check_home, plan
 
@@ -303,12 +327,14 @@ def _compared(
     runs = plan(problems, variants, home)
     check_home(home)
     folders = {id(run): folder for folder, run in runs.items()}
+    missing: list[str] = []
 
     def keep(solution: Solution, run: comparison.Run) -> str:
         folder = folders[id(run)]
         if show and run.problem.pictures:
             show(DRAWING)
-        _write(solution, Path(folder))
+        written = _write(solution, Path(folder))
+        missing.extend(warning for warning in written.warnings if warning not in solution.warnings)
         if not quiet:
             # above the progress, which takes what `print` writes, and not what `click.echo` does
             print(f"{run.problem.name} by {run.variant}: {solution.outcome.value}  {solution.message}")
@@ -316,4 +342,4 @@ def _compared(
 
     tasks = {problem.name: task(file, overrides) for problem, file in zip(problems, files, strict=True)}
     with progress(quiet) as show:
-        return comparison.compare(list(runs.values()), progress=show, finished=keep), tasks
+        return comparison.compare(list(runs.values()), progress=show, finished=keep), tasks, missing

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import casadi as ca
 import numpy as np
 
@@ -12,6 +10,7 @@ from nhpocp.controls.basis import ControlBasis
 from nhpocp.controls.table import Gram
 from nhpocp.flow.dynamics import Dynamics
 from nhpocp.flow.integrators import Integrator
+from nhpocp.kept import kept
 from nhpocp.objectives import INTEGRANDS
 from nhpocp.problem import PlanningProblem
 from nhpocp.systems.numeric import numeric_system
@@ -47,7 +46,7 @@ class QuadratureMap:
         return float(found.path[-1, -1]), found.derivatives[-1, -1]
 
 
-@lru_cache(maxsize=32)
+@kept(most=32)
 def _with_quadrature(system: System, name: str, scale: float) -> Dynamics:
     """Of (x, ∫ integrand dt), the last observed; linearised by the system's own way, which is the cheaper one."""
     numeric, n, m = numeric_system(system), system.state_space.size, system.input_space.size

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import casadi as ca
 
+from nhpocp.kept import kept
 from nhpocp.state_space import StateSpace
 from nhpocp.systems.numeric import numeric_system
 from nhpocp.systems.system import System
@@ -34,7 +34,7 @@ class Dynamics:
         return [function for function in every if function is not None]
 
 
-@lru_cache(maxsize=64)
+@kept(most=16)
 def dynamics(system: System) -> Dynamics:
     """A system's own: tangent numbers of dy/dλ, and the determinants that its equations divide by."""
     numeric = numeric_system(system)
@@ -46,7 +46,7 @@ def dynamics(system: System) -> Dynamics:
     )
 
 
-@lru_cache(maxsize=32)
+@kept(most=32)
 def _lower(space: StateSpace) -> ca.Function:
     """A packed point ↦ the matrix (dimension × size) that takes its rate to tangent numbers."""
     x, rate = ca.SX.sym("x", space.size), ca.SX.sym("rate", space.size)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Protocol
 
 import numpy as np
@@ -15,6 +14,7 @@ from nhpocp.controls.basis import ControlBasis
 from nhpocp.flow.dynamics import dynamics
 from nhpocp.flow.integrators import Flow, Integrator
 from nhpocp.flow.variational import VariationalEquations
+from nhpocp.kept import kept
 from nhpocp.systems.numeric import numeric_system
 from nhpocp.systems.system import System
 
@@ -142,7 +142,7 @@ def stops_of(times: Array, shares: Sequence[float], horizon: float) -> tuple[int
     return (*inner, len(times) - 1)
 
 
-@lru_cache(maxsize=64)  # solves of a sweep differ in start and goal only
+@kept(most=32)  # solves of a sweep differ in start and goal only
 def flow_through(
     system: System, basis: ControlBasis, horizon: float, integrator: Integrator, shares: tuple[float, ...]
 ) -> Flow:

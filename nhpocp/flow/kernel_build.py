@@ -9,6 +9,7 @@ import hashlib
 import os
 import platform
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -96,24 +97,36 @@ def build(workshop: Path, key: str, compiler: Sequence[str]) -> str:
     try:
         for flags in FLAGS:
             command = [*compiler, *flags, SOURCE, "-o", target.name, "-lm"]
-            done = subprocess.run(
-                command,
-                cwd=workshop,
-                capture_output=True,
-                timeout=PATIENCE,
-                check=False,
-                stdin=subprocess.DEVNULL,
-            )
-            if done.returncode == 0 and target.exists():
+            status, words = _run(command, workshop)
+            if status == 0 and target.exists():
                 os.replace(target, workshop.parent / f"{key}-{digest(target.read_bytes())}{SUFFIX}")
                 return ""
-            lines = done.stderr.decode("utf-8", "replace").splitlines()
-            said = lines[0] if lines else f"exit status {done.returncode}"
+            said = words.splitlines()[0] if words else f"exit status {status}"
     except (OSError, subprocess.SubprocessError) as error:
         said = str(error)
     finally:
         shutil.rmtree(workshop, ignore_errors=True)
     return said
+
+
+def _run(command: Sequence[str], folder: Path) -> tuple[int, str]:
+    """Exit status and errors of a command, in a session of its own: Ctrl-C is not the compiler's to answer."""
+    with subprocess.Popen(
+        command,
+        cwd=folder,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        start_new_session=True,
+    ) as process:
+        try:
+            _, errors = process.communicate(timeout=PATIENCE)
+        except BaseException:  # the compiler's own children too
+            if os.name == "posix":
+                os.killpg(process.pid, signal.SIGKILL)
+            process.kill()
+            raise
+    return process.returncode, errors.decode("utf-8", "replace").strip()
 
 
 if __name__ == "__main__":

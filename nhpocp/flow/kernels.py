@@ -5,10 +5,12 @@ from __future__ import annotations
 import os
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache
+from hashlib import sha256
 from time import perf_counter
 from typing import Protocol, TypeVar
+from weakref import proxy, ref
 
 from nhpocp.arrays import Array
 from nhpocp.flow import bundle_kernel, bundle_source, kernel_source, shot_source, sweep_kernel
@@ -19,6 +21,7 @@ from nhpocp.flow.runge_kutta import Bundle, Ends, Scheme, Sweep, Swept, ends_of
 from nhpocp.flow.shot import Shot, Shots
 from nhpocp.flow.shot_kernel import KernelShots, ShotKernel, identity, tried
 from nhpocp.flow.sweep_kernel import SweepKernel
+from nhpocp.kept import kept
 
 TRIED_STEPS = 4  # of the first sweep, on which a kernel is tried
 SOLVE = 4.6e-6  # seconds that a solve takes, roughly, for each instruction (`Shot.length`) of each interval
@@ -86,7 +89,8 @@ class _Way(ABC):
         return found
 
     def shots(self, shot: Shot, intervals: int, trial: Trial) -> Shots:
-        place = _of_shots(_Likeness(identity(shot), shot))
+        place = _of_shots(sha256(identity(shot).encode()).digest())
+        place.shot = ref(shot)
         foreseen = SOLVE * intervals * shot.length
         kernel = self.wanted(place, lambda kernel: tried(kernel, shot, *trial()), foreseen)
         return KernelShots(kernel, shot, intervals) if kernel else shot.interpreted(intervals, place.note)
@@ -132,8 +136,9 @@ def _nudged(trial: T) -> T:
     return trial._replace(start=nudged(trial.start), coefficients=nudged(trial.coefficients))
 
 
-@lru_cache(maxsize=64)
+@kept(most=64)
 def _of_sweeps(scheme: Scheme) -> Place[SweepKernel]:
+    scheme = proxy(scheme)  # which this lies with
     return Place(
         lambda: sweep_kernel.identity(scheme),
         lambda: kernel_source.c_source(scheme),
@@ -141,8 +146,9 @@ def _of_sweeps(scheme: Scheme) -> Place[SweepKernel]:
     )
 
 
-@lru_cache(maxsize=64)
+@kept(most=64)
 def _of_bundles(scheme: Scheme) -> Place[BundleKernel]:
+    scheme = proxy(scheme)
     return Place(
         lambda: bundle_kernel.identity(scheme),
         lambda: bundle_source.c_source(scheme),
@@ -150,14 +156,23 @@ def _of_bundles(scheme: Scheme) -> Place[BundleKernel]:
     )
 
 
-@dataclass(frozen=True)
-class _Likeness:
-    """Shots whose C text is the same, whatever their numbers of steps."""
+class _PlaceOfShots(Place[ShotKernel]):
+    """One for all shots whose C text is the same, whatever their numbers of steps; it holds none of them."""
 
-    identity: str
-    shot: Shot = field(compare=False)
+    shot: ref[Shot]  # the last that was asked for
+
+    def __init__(self) -> None:
+        super().__init__(
+            lambda: identity(self._given()), lambda: shot_source.c_source(self._given()), ShotKernel
+        )
+
+    def _given(self) -> Shot:
+        shot = self.shot()
+        if shot is None:
+            raise ReferenceError("a kernel is looked for while its shot is at hand")
+        return shot
 
 
 @lru_cache(maxsize=64)
-def _of_shots(alike: _Likeness) -> Place[ShotKernel]:
-    return Place(lambda: alike.identity, lambda: shot_source.c_source(alike.shot), ShotKernel)
+def _of_shots(alike: bytes) -> _PlaceOfShots:
+    return _PlaceOfShots()

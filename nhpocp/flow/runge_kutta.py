@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -20,6 +20,7 @@ from nhpocp.arrays import Array
 from nhpocp.calls import accumulated, call, lent, side_by_side
 from nhpocp.controls.samples import Samples
 from nhpocp.flow.dynamics import Dynamics
+from nhpocp.kept import kept
 
 # a_i, which of the three controls, w_i
 TABLEAU = ((0.0, 0, 1.0), (0.5, 1, 2.0), (0.5, 1, 2.0), (1.0, 2, 1.0))
@@ -281,7 +282,7 @@ class Linearised:
         return along
 
 
-@lru_cache(maxsize=64)
+@kept(most=64)
 def runge_kutta_step(rate: ca.Function) -> ca.Function:
     """(y, h, [u(t), u(t + h/2), u(t + h)]) ↦ y(t + h), the last argument m × 3."""
     y, h = ca.SX.sym("y", rate.size1_in(0)), ca.SX.sym("h")
@@ -300,7 +301,7 @@ def walked(rate: ca.Function, sweep: Sweep) -> Array:
     return np.concatenate(path)
 
 
-@lru_cache(maxsize=64)
+@kept(most=16)
 def scheme(dynamics: Dynamics) -> Scheme:
     """The `Scheme` of a right-hand side, made once."""
     return Scheme(dynamics)

@@ -19,7 +19,7 @@ from nhpocp.systems.numeric import numeric_system
 
 STEPS_AT_LEAST = 800  # where RK4's error on the paper's path is below 1e-11
 DOUBLINGS = 4
-CLOSE = 1e-7  # between the ends of a path and of the same with half the steps, in the state's own numbers
+CLOSE = 1e-7  # between the ends of a path and of the same with half the steps, over the state's scales
 
 
 @dataclass(frozen=True)
@@ -79,9 +79,8 @@ def _path(problem: PlanningProblem, control: Control, steps: int) -> tuple[Array
         times = uniform_grid(steps * 2**doubling, control.breakpoints, control.horizon)
         flow = RungeKutta4().flow(dynamics, control.basis, control.horizon, times)
         path = flow.states(problem.start_point, control.coefficients)
-        if not np.isfinite(path).all() or np.abs(path[-1] - last).max() < CLOSE * (
-            1.0 + np.abs(path[-1]).max()
-        ):
+        end = path[-1] / problem.scales.points
+        if not np.isfinite(path).all() or np.abs(end - last).max() < CLOSE * (1.0 + np.abs(end).max()):
             break
-        last = path[-1]
+        last = end
     return times, path

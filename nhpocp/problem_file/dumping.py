@@ -108,10 +108,10 @@ def _state(problem: PlanningProblem, values: Any) -> dict[str, Any]:
 def _solvers(problem: PlanningProblem, settings: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
     """Settings under the file's names; what a file has no name for stays behind."""
     given = {name: solver.settings() for name, solver in problem.solvers.items()} | dict(settings)
-    return {name: _writable(name, values) for name, values in given.items() if name in _SETTINGS}
+    return {name: writable(name, values) for name, values in given.items() if name in _SETTINGS}
 
 
-def _writable(name: str, settings: Mapping[str, Any]) -> dict[str, Any]:
+def writable(name: str, settings: Mapping[str, Any]) -> dict[str, Any]:
     """The settings that a file can state: a step rule of the user's own, say, has no name there."""
     known = {key: value for key, value in settings.items() if key in _SETTINGS[name].model_fields}
     known = _without_none(known)

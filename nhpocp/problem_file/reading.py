@@ -13,7 +13,7 @@ from nhpocp.errors import InvalidProblemError
 from nhpocp.problem_file import document as documents
 from nhpocp.problem_file.angles import probable_degrees
 from nhpocp.problem_file.document import Document
-from nhpocp.problem_file.ends import broken_ends
+from nhpocp.problem_file.ends import broken_ends, coarse_tolerance
 from nhpocp.problem_file.issues import Issue, Path, Refusal, dotted
 from nhpocp.problem_file.messages import translate
 from nhpocp.problem_file.numbers import describe
@@ -177,6 +177,7 @@ def _doubts(data: ProblemData, system: System, raw: dict[str, Any]) -> Iterator[
     if system.driftless and all(name in start and _close(goal[name], start[name]) for name in goal):
         yield Issue(("goal",), "the same as start; the shortest plan is to stand still", at_key=True)
     yield from broken_ends(data, system)
+    yield from coarse_tolerance(data, system)
     yield from probable_degrees(raw, system)
     if data.objective == "time" and not isinstance(data.horizon, FreeHorizon):
         fixed = "time is fixed by horizon; write horizon: {min: …, max: …} to free it"

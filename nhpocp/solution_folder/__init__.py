@@ -10,6 +10,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from nhpocp.solution_folder.auditing import audit as audit
     from nhpocp.solution_folder.plain_data import plain as plain
     from nhpocp.solution_folder.plain_data import to_json as to_json
     from nhpocp.solution_folder.reading import load_solution as load_solution
@@ -18,14 +19,17 @@ if TYPE_CHECKING:
     from nhpocp.solution_folder.target import is_solution_folder as is_solution_folder
     from nhpocp.solution_folder.target import unwritable as unwritable
     from nhpocp.solution_folder.writing import save_solution as save_solution
+    from nhpocp.solution_folder.writing import store_solution as store_solution
 
 _HOMES = {
+    "audit": "auditing",
     "check_target": "target",
     "folder_name": "target",
     "is_solution_folder": "target",
     "load_solution": "reading",
     "plain": "plain_data",
     "save_solution": "writing",
+    "store_solution": "writing",
     "to_json": "plain_data",
     "unwritable": "target",
 }

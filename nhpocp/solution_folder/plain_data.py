@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 from collections.abc import Mapping
@@ -47,7 +48,24 @@ def to_json(solution: Solution) -> dict[str, Any]:
         "timing": dict(solution.timing),
         "environment": environment(solution.settings.get("plugin")),
     }
-    return plain(data)
+    data = plain(data)
+    return {**data, "checksum": checksum(data)}
+
+
+def checksum(data: Mapping[str, Any]) -> str:
+    """SHA-256 of what solution.json says besides: a change of any of it is seen, wherever it cannot be worked out."""
+    rest = {key: value for key, value in data.items() if key != "checksum"}
+    text = json.dumps(_floats(rest), sort_keys=True, allow_nan=False)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _floats(value: Any) -> Any:
+    """Numbers as floats: whether 1.0 is written as 1 says nothing."""
+    if isinstance(value, int) and not isinstance(value, bool):
+        return float(value)
+    if isinstance(value, Mapping):
+        return {key: _floats(item) for key, item in value.items()}
+    return [_floats(item) for item in value] if isinstance(value, list) else value
 
 
 def as_text(data: Mapping[str, Any]) -> str:

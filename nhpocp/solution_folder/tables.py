@@ -19,13 +19,18 @@ LAST = ("accepted",)
 
 def write_trajectory(solution: Solution, file: Path) -> None:
     """A row per sample: time, then every number of every quantity."""
+    _write(file, *trajectory_table(solution))
+
+
+def trajectory_table(solution: Solution) -> tuple[list[str], np.ndarray]:
+    """The names and the columns of that table."""
     names, columns = [], []
     for name, values in solution.trajectory.items():
         table = np.asarray(values).reshape(len(values), -1)
         shape = np.asarray(values).shape[1:]
         names += [name + "".join(f"[{i}]" for i in index) for index in np.ndindex(*shape)]
         columns.append(table)
-    _write(file, names, np.hstack(columns))
+    return names, np.hstack(columns)
 
 
 def write_iterations(solution: Solution, file: Path) -> None:

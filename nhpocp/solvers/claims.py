@@ -20,14 +20,16 @@ FINER = 4  # times the steps of a claim, for the check
 CORRECTIONS = 3
 
 
-def confirmed(solver: Continuation, problem: PlanningProblem, progress: Progress | None = None) -> Found:
+def confirmed(
+    solver: Continuation, problem: PlanningProblem, progress: Progress | None = None, updates: int = 0
+) -> Found:
     """What a continuation finds; where a simulation with ``FINER`` times the steps refutes it, corrected with those.
 
     Every claim is held against such a simulation, that of the last correction too; ends as `not_verified` only if that
-    is refuted as well, after `CORRECTIONS` of them.
+    is refuted as well, after `CORRECTIONS` of them. ``updates``: as of `Continuation.find`.
     """
     solver = replace(solver, integrator=resolving(solver.integrator, problem.basis))
-    found, error = solver.find(problem, progress), np.inf
+    found, error = solver.find(problem, progress, updates), np.inf
     for correction in range(CORRECTIONS + 1):
         if found.outcome is not Outcome.CONVERGED:
             return found
@@ -38,7 +40,7 @@ def confirmed(solver: Continuation, problem: PlanningProblem, progress: Progress
             break
         # what was found is near enough to the least cost; only the goal, and the bounds, are missed
         solver = replace(solver, integrator=finer(solver.integrator), objective="none")
-        again = solver.find(begun_from(problem, found.control), progress)
+        again = solver.find(begun_from(problem, found.control), progress, found.updates)
         message = f"{found.message}; with finer steps {again.message}"
         details = {**found.details, **again.details}
         found = replace(again, message=message, details=details, records=[*found.records, *again.records])

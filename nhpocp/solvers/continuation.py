@@ -27,6 +27,7 @@ from nhpocp.solution import Outcome, Progress, Solution, Solver
 from nhpocp.solvers.evaluation import Evaluation, Evaluator
 from nhpocp.solvers.generalized_inverses import (
     CoefficientMetric,
+    Coordinates,
     GeneralizedInverse,
     Metric,
     MoorePenrose,
@@ -82,9 +83,12 @@ class Continuation:
     def solve(self, problem: PlanningProblem, progress: Progress | None = None) -> Solution:
         return solution(self, problem, self.find(problem, progress))
 
-    def find(self, problem: PlanningProblem, progress: Progress | None = None) -> Found:
-        """The control alone, without the motion that it makes: what strategies of many tries need."""
-        return _Run(self, problem, progress).found()
+    def find(self, problem: PlanningProblem, progress: Progress | None = None, updates: int = 0) -> Found:
+        """The control alone, without the motion that it makes: what strategies of many tries need.
+
+        ``updates``: those that led to the problem's initial control, where this solve goes on with another's.
+        """
+        return _Run(self, problem, progress, updates).found()
 
 
 @dataclass(frozen=True)
@@ -99,6 +103,7 @@ class Found:
     details: dict[str, Any]
     build_seconds: float
     solve_seconds: float
+    updates: int = 0  # that led to the control
 
     @property
     def rank(self) -> float:
@@ -145,7 +150,9 @@ def _of_steps(settings: dict[str, Any], basis: ControlBasis) -> list[str]:
 class _Run:
     """One solve: the state of the loop and its records."""
 
-    def __init__(self, solver: Continuation, problem: PlanningProblem, progress: Progress | None) -> None:
+    def __init__(
+        self, solver: Continuation, problem: PlanningProblem, progress: Progress | None, updates: int
+    ) -> None:
         solver = replace(solver, integrator=resolving(solver.integrator, problem.basis))
         self.solver, self.problem, self.progress = solver, problem, progress
         began = perf_counter()
@@ -159,11 +166,10 @@ class _Run:
             [task.share for task in problem.tasks[:-1]],
             along=solver.inverse.looks_along,
         )
-        inputs = problem.system.input_space.size
-        coordinates = solver.metric.coordinates(problem.basis, inputs, self.horizon)
+        coordinates = Coordinates.natural(solver.metric, problem.basis, problem.scales.inputs, self.horizon)
         self.evaluator = Evaluator(problem, self.map, solver.inverse, coordinates)
         self.records: list[Deferred] = []
-        self.updates, self.limit = 0, solver.max_iterations * solver.step_rule.evaluations
+        self.updates, self.limit = updates, solver.max_iterations * solver.step_rule.evaluations
         self.details: dict[str, Any] = {}
         self.phase = f"to the goal ({solver.step_rule.kind})"
         self.here: Evaluation | None = None
@@ -199,6 +205,7 @@ class _Run:
                 self.details,
                 self.build_seconds,
                 seconds,
+                self.updates,
             )
 
     def iterate(self, first: Array) -> tuple[Outcome, str]:
@@ -213,12 +220,12 @@ class _Run:
                 and (self.solver.objective != "none" or self.problem.bounds)
                 and current.coefficients.size  # without inputs there is nothing to choose
             ):
-                return self.improve(current, ended[1])
+                return self.improve(current)
             if ended:
                 return ended
         return Outcome.STAGNATED, f"E = {self.records[-1]['error']:.3g}: no step, however short, reduces it"
 
-    def improve(self, reached: Evaluation, message: str) -> tuple[Outcome, str]:
+    def improve(self, reached: Evaluation) -> tuple[Outcome, str]:
         """Every bound, and the least cost, without leaving the goal; the better control becomes the current one."""
         solver = self.solver
         resolution = Resolution(self.problem, solver.integrator, self.horizon)
@@ -250,9 +257,14 @@ class _Run:
         found = search.run()
         if found.coefficients is not reached.coefficients:
             self.limit += 1
-            self.accept(self.evaluate(found.coefficients, 0.0))
+            reached = self.evaluate(found.coefficients, 0.0)
+            self.accept(reached)
         self.details = found.details
-        return found.outcome, f"{message}; {found.sentence}"
+        return found.outcome, f"{self.arrived(reached)}; {found.sentence}"
+
+    def arrived(self, here: Evaluation) -> str:
+        """The sentence of a control that reaches the goal."""
+        return f"E = {here.error:.3g} after {self.updates} updates"
 
     def evaluate(self, coefficients: Array, gamma: float) -> Evaluation:
         """Where a control leads; every call leaves a record, which counts as refused until it is accepted."""
@@ -301,7 +313,7 @@ class _Run:
             if here.crossing:
                 sentence = f"E = {error:.3g} is below the tolerance, but {here.crossing.sentence}"
                 return here.crossing.outcome, sentence
-            return Outcome.CONVERGED, f"E = {error:.3g} after {k} updates"
+            return Outcome.CONVERGED, self.arrived(here)
         direction = here.direction
         lost = error > DIVERGED_ABOVE * (1 + first)
         deficient = direction is not None and direction.blocked

@@ -96,11 +96,10 @@ class Evaluator:
         """How δλ is measured here."""
         if end.variations is None:
             return self.metric
-        problem, space = self.problem, self.problem.system.state_space
-        scales = np.array([problem.scale if unit == "length" else 1.0 for unit in space.tangent_units])
-        variations = end.variations / scales[:, None]
-        inputs = problem.system.input_space.size
-        own = self.inverse.metric(LinearisedPath(self.map.times, variations, problem.basis, inputs))
+        scales = self.problem.scales
+        variations = end.variations / scales.states[:, None]
+        path = LinearisedPath(self.map.times, variations, self.problem.basis, scales.inputs)
+        own = self.inverse.metric(path)
         return self.metric if own is None else Coordinates(own)
 
     def looked_at(self, evaluation: Evaluation) -> dict[str, float | None]:

@@ -26,22 +26,29 @@ class Metric(Protocol):
         """L (size·inputs, square) with ⟨λ, λ⟩ = |Lᵀ λ|²."""
         ...
 
-    def coordinates(self, basis: ControlBasis, inputs: int, horizon: float) -> Coordinates:
-        """z = Lᵀ λ; override it where no matrix L is needed for that."""
-        return Coordinates(self.factor(basis, inputs, horizon))
+    def root(self, basis: ControlBasis, inputs: int, horizon: float) -> tuple[Array, Gram | None]:
+        """A (inputs, square) and a matrix with L = A ⊗ its lower root; None: the identity."""
+        ...
+
+    def unit(self, inputs: Array, horizon: float) -> Array:
+        """√⟨λ, λ⟩ of a natural control, whose inputs are of these sizes: one, or one for each input."""
+        ...
 
 
 @dataclass(frozen=True)
 class CoefficientMetric(Metric):
-    """|λ|²: the pseudo-inverse of the matrix itself, [Paper] eq. (16)."""
+    """|λ|²: the pseudo-inverse of the matrix itself, [Paper] eq. (16), where all inputs have the same unit."""
 
     kind: ClassVar[str] = "coefficients"
 
     def factor(self, basis: ControlBasis, inputs: int, horizon: float) -> Array:
         return np.eye(inputs * basis.size)
 
-    def coordinates(self, basis: ControlBasis, inputs: int, horizon: float) -> Coordinates:
-        return CoefficientCoordinates()
+    def root(self, basis: ControlBasis, inputs: int, horizon: float) -> tuple[Array, Gram | None]:
+        return np.eye(inputs), None
+
+    def unit(self, inputs: Array, horizon: float) -> Array:
+        return inputs
 
 
 @dataclass(frozen=True)
@@ -54,8 +61,11 @@ class L2Metric(Metric):
     def factor(self, basis: ControlBasis, inputs: int, horizon: float) -> Array:
         return np.kron(np.eye(inputs), np.linalg.cholesky(np.asarray(basis.gram(horizon))))
 
-    def coordinates(self, basis: ControlBasis, inputs: int, horizon: float) -> Coordinates:
-        return L2Coordinates(Gram.of(basis.gram(horizon)))
+    def root(self, basis: ControlBasis, inputs: int, horizon: float) -> tuple[Array, Gram | None]:
+        return np.eye(inputs), Gram.of(basis.gram(horizon))
+
+    def unit(self, inputs: Array, horizon: float) -> Array:
+        return np.sqrt(horizon) * np.max(inputs, keepdims=True)
 
 
 @dataclass(frozen=True)
@@ -69,21 +79,35 @@ class WeightedMetric(Metric):
         root = weight_root(self.weights, inputs, definite=True).T
         return np.kron(root, np.linalg.cholesky(np.asarray(basis.gram(horizon))))
 
+    def root(self, basis: ControlBasis, inputs: int, horizon: float) -> tuple[Array, Gram | None]:
+        return weight_root(self.weights, inputs, definite=True).T, Gram.of(basis.gram(horizon))
+
+    def unit(self, inputs: Array, horizon: float) -> Array:
+        root = weight_root(self.weights, len(inputs), definite=True)
+        return np.sqrt(horizon) * np.max(inputs * np.linalg.norm(root, axis=0), keepdims=True)
+
 
 class Coordinates:
     """z = Lᵀ λ, in which a metric is the plain length: ⟨λ, λ⟩ = |z|²."""
 
     def __init__(self, factor: Array) -> None:
         self.factor = factor
-        self._back = np.linalg.inv(factor.T)
+        self.back = np.linalg.inv(factor.T)
+
+    @staticmethod
+    def natural(metric: Metric, basis: ControlBasis, inputs: Array, horizon: float) -> Coordinates:
+        """A metric's, dimensionless: in units of a natural control, whose inputs are of these sizes."""
+        mixing, gram = metric.root(basis, len(inputs), horizon)
+        units = np.broadcast_to(metric.unit(inputs, horizon), len(inputs))
+        return ProductCoordinates(mixing / units[:, None], gram)
 
     def jacobian(self, by_coefficients: Array) -> Array:
         """J over z, from J over λ, (…, size·inputs)."""
-        return by_coefficients @ self._back
+        return by_coefficients @ self.back
 
     def coefficients(self, z: Array) -> Array:
         """λ of z, (size·inputs, …)."""
-        return self._back @ z
+        return self.back @ z
 
     def of(self, coefficients: Array) -> Array:
         """z of λ, (size·inputs, …)."""
@@ -94,44 +118,41 @@ class Coordinates:
         return float(norm(self.of(coefficients)))
 
 
-class CoefficientCoordinates(Coordinates):
-    """z = λ."""
+class ProductCoordinates(Coordinates):
+    """z = Lᵀ λ with L = A ⊗ G, G the lower root of a Gram matrix or the identity, and no matrix of λ's size."""
 
-    def __init__(self) -> None:
-        pass
-
-    def jacobian(self, by_coefficients: Array) -> Array:
-        return by_coefficients
-
-    def coefficients(self, z: Array) -> Array:
-        return z
-
-    def of(self, coefficients: Array) -> Array:
-        return coefficients
-
-
-class L2Coordinates(Coordinates):
-    """z with ∫ |u|² dt = |z|²: for each input those of its own coefficients, by the root of the Gram matrix."""
-
-    def __init__(self, gram: Gram) -> None:
-        self._gram = gram
+    def __init__(self, mixing: Array, gram: Gram | None) -> None:
+        self._mixing, self._unmixing, self._gram = mixing, np.linalg.inv(mixing), gram
 
     def jacobian(self, by_coefficients: Array) -> Array:
-        rows = by_coefficients.reshape(by_coefficients.size // self._gram.size, self._gram.size)
-        return self._gram.solve_root(rows.T).T.reshape(by_coefficients.shape)
+        if not by_coefficients.size:
+            return by_coefficients
+        inputs = len(self._mixing)
+        rows = by_coefficients.reshape(-1, inputs, by_coefficients.shape[-1] // inputs)
+        if self._gram is not None:
+            columns = rows.reshape(len(rows) * inputs, rows.shape[2]).T
+            rows = self._gram.solve_root(columns).T.reshape(rows.shape)
+        return np.asarray((self._unmixing @ rows).reshape(by_coefficients.shape))
 
     def coefficients(self, z: Array) -> Array:
-        return self._by_input(self._gram.solve_root_transposed, z)
+        return self._by_input(self._unmixing.T, self._gram.solve_root_transposed if self._gram else None, z)
 
     def of(self, coefficients: Array) -> Array:
-        return self._by_input(self._gram.root_transposed, coefficients)
+        return self._by_input(
+            self._mixing.T, self._gram.root_transposed if self._gram else None, coefficients
+        )
 
-    def _by_input(self, done: Callable[[Array], Array], vectors: Array) -> Array:
-        """Done to the coefficients of each input in vectors (size·inputs, …)."""
-        inputs = len(vectors) // self._gram.size
-        columns = vectors.reshape(inputs, self._gram.size, *vectors.shape[1:]).swapaxes(0, 1)
-        found = done(columns.reshape(self._gram.size, columns[0].size)).reshape(columns.shape)
-        return np.ascontiguousarray(found.swapaxes(0, 1)).reshape(vectors.shape)
+    def _by_input(self, mixing: Array, done: Callable[[Array], Array] | None, vectors: Array) -> Array:
+        """Done to the functions of each input in vectors (size·inputs, …), and the inputs mixed."""
+        if not vectors.size:
+            return vectors
+        mixed = (mixing @ vectors.reshape(len(mixing), -1)).reshape(
+            len(mixing), len(vectors) // len(mixing), -1
+        )
+        if done is not None:
+            columns = mixed.swapaxes(0, 1).reshape(mixed.shape[1], -1)
+            mixed = done(columns).reshape(mixed.shape[1], mixed.shape[0], -1).swapaxes(0, 1)
+        return np.ascontiguousarray(mixed).reshape(vectors.shape)
 
 
 def weight_root(weights: Any, size: int, *, definite: bool) -> Array:
@@ -160,9 +181,9 @@ class LinearisedPath:
     """The system linearised along one path: ξ(t) = M(t) δλ, w(t) = P(t) δλ."""
 
     times: Array
-    variations: Array  # M at the times, (k, dimension, inputs · size); lengths divided by the mechanism's own
+    variations: Array  # M at the times, (k, dimension, inputs · size), over the natural sizes of the states
     basis: ControlBasis
-    inputs: int
+    inputs: Array  # their natural sizes
 
 
 @dataclass(frozen=True)
@@ -215,6 +236,7 @@ class Direction:
     # whether the error cannot be reduced from here in every direction, and the inverse needs that
     blocked: bool = False
     spectrum: Spectrum | None = None
+    coordinates: Coordinates | None = None  # of the metric; None: λ itself
 
     @cached_property
     def step(self) -> Array:
@@ -227,7 +249,7 @@ class Direction:
 
     def length(self, change: Array) -> float:
         """Size of a change of λ in the metric that this direction was found in."""
-        return self.spectrum.coordinates.length(change) if self.spectrum else float(np.linalg.norm(change))
+        return self.coordinates.length(change) if self.coordinates else float(np.linalg.norm(change))
 
     def within(self, radius: float) -> tuple[Array, Array]:
         """A step no longer than the radius, and its image: of all such the one that reduces |e + J δλ| most.
@@ -236,7 +258,7 @@ class Direction:
         """
         if self.spectrum is not None:
             return self.spectrum.within(radius)
-        share = min(1.0, radius / max(float(np.linalg.norm(self.step)), 1e-300))
+        share = min(1.0, radius / max(self.length(self.step), 1e-300))
         return share * self.step, share * self.image
 
 
@@ -272,7 +294,7 @@ class MoorePenrose(GeneralizedInverse):
         def solve() -> Array:
             return coordinates.coefficients(-right[:rank].T @ (spectrum.error[:rank] / values[:rank]))
 
-        return Direction(solve, jacobian, rank, values, rank < len(error), spectrum)
+        return Direction(solve, jacobian, rank, values, rank < len(error), spectrum, coordinates)
 
 
 @dataclass(frozen=True)
@@ -293,7 +315,7 @@ class Damped(GeneralizedInverse):
         damping = self.most * values[0] * max(0.0, 1.0 - least / threshold) if threshold > 0 else 1.0
         inner = -right.T @ (values / (values**2 + damping**2) * (left.T @ error))
         step = coordinates.coefficients(inner)
-        return Direction(lambda: step, jacobian, rank_of(values, 1e-8), values)
+        return Direction(lambda: step, jacobian, rank_of(values, 1e-8), values, coordinates=coordinates)
 
 
 @dataclass(frozen=True)
@@ -308,21 +330,22 @@ class Transpose(GeneralizedInverse):
         image = jacobian @ gradient
         squared = float(image @ image)
         alpha = float(error @ image) / squared if squared > 0 else 0.0
-        return Direction(lambda: -alpha * gradient, jacobian, rank_of(values, 1e-8), values)
+        rank = rank_of(values, 1e-8)
+        return Direction(lambda: -alpha * gradient, jacobian, rank, values, coordinates=coordinates)
 
 
 @dataclass(frozen=True)
 class Lagrangian(GeneralizedInverse):
     r"""The δλ that solves J δλ = -e and changes path and control least: of all such the minimiser of
 
-        ∫₀ᵀ ξᵀ Q ξ + wᵀ R w dt,    ξ̇ = A ξ + B w,  ξ(0) = 0,
+        1/T ∫₀ᵀ ξᵀ Q ξ + wᵀ R w dt,    ξ̇ = A ξ + B w,  ξ(0) = 0,
 
     a Lagrange problem for the linearised system, [Tchoń, Ratajczak, Góral 2015]. Over a finite basis ξ = M(t) δλ by
     (11)-(12) and w = P(t) δλ, so that it is the pseudo-inverse in the metric ∫ Mᵀ Q M + Pᵀ R P dt, which moves along
     with the path; the solver's own metric does not enter. Q = 0 leaves the L² metric weighted by R.
 
-    state_weight: Q over the tangent numbers [1/time], lengths divided by the problem's scale; control_weight: R over
-    the inputs. A number, a diagonal or a matrix each.
+    state_weight: Q over the tangent numbers, control_weight: R over the inputs; ξ and w are in units of their natural
+    sizes (`Scales`). A number, a diagonal or a matrix each.
     """
 
     state_weight: Any = 1.0
@@ -332,12 +355,13 @@ class Lagrangian(GeneralizedInverse):
     looks_along: ClassVar[bool] = True
 
     def metric(self, path: LinearisedPath) -> Array:
-        steps = np.diff(path.times)
-        shares = 0.5 * (np.append(steps, 0.0) + np.append(0.0, steps))  # trapezoidal
         M, horizon = path.variations, float(path.times[-1])
+        steps = np.diff(path.times) / horizon
+        shares = 0.5 * (np.append(steps, 0.0) + np.append(0.0, steps))  # trapezoidal
         of_states = weight_root(self.state_weight, M.shape[1], definite=False) @ M
         of_states = (np.sqrt(shares)[:, None, None] * of_states).reshape(-1, M.shape[2])
-        of_controls = WeightedMetric(self.control_weight).factor(path.basis, path.inputs, horizon).T
+        of_controls = WeightedMetric(self.control_weight).factor(path.basis, len(path.inputs), horizon).T
+        of_controls = of_controls / np.repeat(np.sqrt(horizon) * path.inputs, path.basis.size)
         # the sum of squares as one triangle, never squared: M may be large beside P
         return np.asarray(np.linalg.qr(np.vstack([of_states, of_controls]), mode="r")).T
 

@@ -15,7 +15,7 @@ from nhpocp.machine import afford
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Outcome
 from nhpocp.solvers.evaluation import Evaluation
-from nhpocp.solvers.generalized_inverses import L2Metric
+from nhpocp.solvers.generalized_inverses import Coordinates, WeightedMetric
 from nhpocp.solvers.multipliers import rounds
 from nhpocp.solvers.null_space import Cost, LimitReached, NoSurfaceError, NullSpaceResult, minimise
 from nhpocp.solvers.path_rows import FINE_STEPS, FORGIVEN, INSIDE, PathRows, worst
@@ -83,15 +83,17 @@ class Improvement:
         if problem.bounds:
             rows = len(self.times) + FINE_STEPS
             afford(DENSE * rows * size, f"the bounds at {rows} times by {size} coefficients")
-        basis, inputs = problem.basis, problem.system.input_space.size
-        # coordinates in which the effort is |y|²
-        self._coordinates = L2Metric().coordinates(basis, inputs, horizon)
+        basis, scales = problem.basis, problem.scales
+        # in which the effort is |y|² in units of its scale, and each input counts by its own size where these differ
+        metric = WeightedMetric(1.0 / scales.inputs**2)
+        self._coordinates = Coordinates.natural(metric, basis, scales.inputs, horizon)
         self._first = self._coordinates.of(self.reached.ravel())
         self._last: tuple[Array, Array] | None = None  # y and the path of the latest attempt
         self._path_rows = PathRows(problem, basis, horizon, self.times) if problem.bounds else None
         self._goal = min(1e-7, 1e-3 * self.tolerance)
         self._aimless = self.objective == "none"
         name = "effort" if self._aimless else self.objective
+        self._scale = scales.objective(name)
         self._map = cost_map(name, problem, basis, horizon, self.integrator)
 
     def run(self) -> Improved:
@@ -118,7 +120,7 @@ class Improvement:
         """
         curvature = self._curvature(self._cost, self._first)
         free = minimise(self._constraint, self._cost, self._first, curvature=curvature, goal=self._goal)
-        self.history += free.history
+        self._remember(free)
         violation = self._violation(free.y)
         best.offer(free, violation)
         if violation > HELD and not self._bounded(best, self._cost, free.y, free.hessian):
@@ -141,12 +143,12 @@ class Improvement:
         violation = np.inf
         for round_ in searched:
             found, violation = round_.found, max(0.0, -round_.least - INSIDE)
-            self.history += found.history
+            self._remember(found)
             self.rounds.append(
                 {
                     "weight": round_.weight,
                     "violation": violation if np.isfinite(violation) else None,
-                    "cost": found.cost,
+                    "cost": self._scale * found.cost,
                     "steps": len(found.history) - 1,
                     "stationarity": found.optimality,
                 }
@@ -155,6 +157,9 @@ class Improvement:
             if self._aimless and violation <= HELD:  # no least cost was asked for
                 break
         return violation <= HELD
+
+    def _remember(self, found: NullSpaceResult) -> None:
+        self.history += [record | {"cost": self._scale * record["cost"]} for record in found.history]
 
     # --- what the search asks ------------------------------------------------------------------------------------
 
@@ -174,9 +179,9 @@ class Improvement:
         return float(step @ step), 2.0 * step
 
     def _cost(self, y: Array) -> tuple[float, Array]:
-        """The objective; the effort where there is none."""
+        """The objective, in units of its scale; the effort where there is none."""
         value, gradient = self._map(self._coefficients(y))
-        return value, self._coordinates.jacobian(gradient)
+        return value / self._scale, self._coordinates.jacobian(gradient) / self._scale
 
     def _curvature(self, cost: Cost, y: Array) -> float:
         """A guess at the cost's curvature, exact for the effort."""
@@ -216,9 +221,9 @@ class Improvement:
         details: dict[str, Any] = {"null_space": self.history} if self.history else {}
         parts = []
         if not self._aimless:
-            details["objective_value"] = best.cost
+            cost = details["objective_value"] = self._scale * best.cost
             words = "at" if found and found.converged and not end else "not at"
-            parts.append(f"{self.objective} {best.cost:.6g} {words} a stationary point")
+            parts.append(f"{self.objective} {cost:.6g} {words} a stationary point")
         if found:
             details["optimality"] = {"stationarity": found.optimality, "feasibility": found.infeasibility}
         outcome = Outcome.CONVERGED

@@ -16,7 +16,8 @@ from nhpocp.systems.numeric import numeric_system
 
 DRAWS = 100
 PATIENCE = 20  # draws, after which the best so far is taken if it has full rank
-SPREAD = 0.5  # [rad] standard deviation of a coefficient times T: the size of the paper's own start
+# of its input's natural size, the standard deviation of a coefficient: that of the paper's own start
+SPREAD = 0.5
 # of SPREAD, draw after draw: short motions stay clear of the singular surfaces around the start, long ones turn far
 # enough for brackets of a high degree to show, and for the many functions of a fine grid, which cancel each other
 WIDTHS = (1.0, 2.0, 0.5, 4.0, 0.25, 8.0, 0.125)
@@ -58,11 +59,8 @@ def initial_coefficients(problem: PlanningProblem, end_point_map: EndPointMap, s
 
 
 def drawn(problem: PlanningProblem, random: np.random.Generator, size: float = 1.0) -> Array:
-    """Normal random coefficients (inputs × basis size), a share ``size`` of what turns the mechanism by half a radian.
-
-    Inputs that are speeds of lengths are scaled with the mechanism's own length.
-    """
-    spread = size * SPREAD / problem.horizon.fixed * _units(problem)
+    """Normal random coefficients (inputs × basis size); size 1 turns the mechanism by about half a radian."""
+    spread = size * SPREAD * problem.scales.inputs
     return random.normal(0.0, spread[:, None], (len(spread), problem.basis.size))
 
 
@@ -90,7 +88,7 @@ def _drawn_starts(
 ) -> Iterator[tuple[int, Start | None]]:
     """Draw after draw with its number, from 1; None where the path is of no use."""
     random, numeric = np.random.default_rng(seed), numeric_system(problem.system)
-    columns = np.repeat(_units(problem), problem.basis.size)
+    columns = np.repeat(problem.scales.inputs, problem.basis.size)
     for draw in range(1, draws + 1):
         coefficients = drawn(problem, random, WIDTHS[(draw - 1) % len(WIDTHS)])
         with np.errstate(all="ignore"):  # a wide draw may run away
@@ -106,12 +104,6 @@ def _drawn_starts(
         values = np.linalg.svd(jacobian, compute_uv=False)
         known = values.size == len(jacobian) and values[0] > 0
         yield draw, Start(coefficients, float(values[-1] / values[0]) if known else 0.0)
-
-
-def _units(problem: PlanningProblem) -> Array:
-    """The size of each input: the mechanism's length for speeds of lengths, 1 radian else."""
-    units = np.array(problem.system.input_space.tangent_units)
-    return np.where(units == "length", problem.scale, 1.0)
 
 
 def _size(problem: PlanningProblem) -> tuple[int, int]:
@@ -135,6 +127,6 @@ def _why(problem: PlanningProblem, best: Start | None) -> str:
         )
     return (
         f"no control of full rank found in {widths}: the best Jacobian has σ_min/σ_max = {best.conditioning:.2g}, "
-        f"lengths divided by {problem.scale:.4g}, and below {RANK:g} that cannot be told from a loss of rank; more "
-        f"functions than {functions}, another length_scale or a control of your own may do better"
+        f"lengths divided by {problem.scales.length:.4g}, and below {RANK:g} that cannot be told from a loss of rank; "
+        f"more functions than {functions} or a control of your own may do better"
     )

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from functools import lru_cache
 from typing import Any
 
 import casadi as ca
@@ -15,11 +13,15 @@ from nhpocp.calls import call, mapped
 from nhpocp.constraints import Bound, bound_rows
 from nhpocp.controls.basis import ControlBasis
 from nhpocp.flow.shot import Shot, part
+from nhpocp.kept import kept
 from nhpocp.objectives import INTEGRANDS
 from nhpocp.problem import PlanningProblem
 from nhpocp.solvers.meeting import Meeting, basis_table, stage_times
 from nhpocp.systems.numeric import numeric_system
+from nhpocp.systems.system import System
 from nhpocp.task import Task
+
+MOST = 4  # intervals that are kept for one system
 
 
 class Interval:
@@ -185,14 +187,6 @@ class Interval:
         return np.hstack([np.zeros((self.steps + 1, 0), dtype=int), *columns]), expressions
 
 
-@dataclass(frozen=True)
-class _Asked:
-    """What an interval depends on, and the parts that it is made from."""
-
-    key: tuple[Any, ...]
-    arguments: tuple[Any, ...] = field(compare=False)
-
-
 def interval_of(
     problem: PlanningProblem, basis: ControlBasis | None, steps: int, bounds: Sequence[Bound]
 ) -> Interval:
@@ -201,10 +195,15 @@ def interval_of(
         (bound.label, bound.quantity, *(repr(np.asarray(x).tolist()) for x in (bound.lower, bound.upper)))
         for bound in bounds
     )
-    key = (problem.system, problem.objective, problem.scale, problem.horizon, basis, steps, sides)
-    return _made(_Asked(key, (problem, basis, steps, list(bounds))))
+    key = (problem.objective, problem.scale, problem.horizon, basis, steps, sides)
+    made = _made(problem.system)
+    if key not in made:
+        while len(made) >= MOST:
+            made.pop(next(iter(made)))
+        made[key] = Interval(problem, basis, steps, list(bounds))
+    return made[key]
 
 
-@lru_cache(maxsize=8)  # each holds some megabytes of expressions
-def _made(asked: _Asked) -> Interval:
-    return Interval(*asked.arguments)
+@kept(most=2)  # of two systems: each interval may hold 50 MB of expressions
+def _made(system: System) -> dict[Any, Interval]:
+    return {}

@@ -19,7 +19,7 @@ from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Solver
 from nhpocp.solvers.claims import finer
 from nhpocp.solvers.continuation import DIVERGED_ABOVE, STAGNATION_WINDOW, Continuation
-from nhpocp.solvers.generalized_inverses import NEGLIGIBLE, MoorePenrose, within_radius
+from nhpocp.solvers.generalized_inverses import NEGLIGIBLE, Coordinates, MoorePenrose, within_radius
 from nhpocp.solvers.interruption import Interruption
 from nhpocp.solvers.step_rules import KEPT, PROMISED, SMALLEST, Adaptive, next_radius
 from nhpocp.solvers.strategies import EVALUATIONS, Auto
@@ -132,6 +132,36 @@ class _Steps(NamedTuple):
     fit: Array  # whether J has full rank and the promise is one
 
 
+class _Metrics:
+    """The goals' `Coordinates`, kept once where all are measured alike, as by a mechanism with a length of its own."""
+
+    def __init__(self, solver: Continuation, problems: Sequence[PlanningProblem]) -> None:
+        inputs = np.stack([problem.scales.inputs for problem in problems])
+        self._alike = bool((inputs == inputs[0]).all())
+        basis, horizon = problems[0].basis, problems[0].horizon.fixed
+        kept = inputs[:1] if self._alike else inputs
+        self._found = [Coordinates.natural(solver.metric, basis, each, horizon) for each in kept]
+
+    def jacobian(self, places: Array, by_coefficients: Array) -> Array:
+        """J over z."""
+        if self._alike:
+            return self._found[0].jacobian(by_coefficients)
+        pairs = zip(places, by_coefficients, strict=True)
+        return np.reshape([self._found[i].jacobian(each) for i, each in pairs], by_coefficients.shape)
+
+    def coefficients(self, places: Array, z: Array) -> Array:
+        if self._alike:
+            return self._found[0].coefficients(z.T).T
+        pairs = zip(places, z, strict=True)
+        return np.reshape([self._found[i].coefficients(each) for i, each in pairs], z.shape)
+
+    def length(self, places: Array, coefficients: Array) -> Array:
+        if self._alike:
+            return _length(self._found[0].of(coefficients.T).T)
+        pairs = zip(places, coefficients, strict=True)
+        return np.array([self._found[i].length(each) for i, each in pairs])
+
+
 class _Lockstep:
     """One search, of problems that differ in their goals only."""
 
@@ -141,11 +171,10 @@ class _Lockstep:
         problem = problems[0]
         self.solver, self.rule, self.inverse = method
         self.problem, self.count, self.interruption = problem, len(problems), interruption
-        horizon, inputs = problem.horizon.fixed, problem.system.input_space.size
-        self.flow = flow_through(
-            problem.system, problem.basis, horizon, resolving(self.solver.integrator, problem.basis), ()
-        )
-        self.coordinates = self.solver.metric.coordinates(problem.basis, inputs, horizon)
+        horizon = problem.horizon.fixed
+        integrator = resolving(self.solver.integrator, problem.basis)
+        self.flow = flow_through(problem.system, problem.basis, horizon, integrator, ())
+        self.coordinates = _Metrics(method.solver, problems)
         self.tasks = AlikeTasks([problem.tasks[0] for problem in problems])
         self.numeric = numeric_system(problem.system)
 
@@ -154,9 +183,8 @@ class _Lockstep:
         reached: dict[int, Reached] = {}
         here = self._begun()
         first, updates = here.error.copy(), np.zeros(self.count, dtype=int)
-        size = self.coordinates.length(here.coefficients[0])
-        radius = np.full(self.count, self.rule.first_radius * (1.0 + size))
-        smallest = SMALLEST * radius[0]
+        radius = self.rule.first_radius * (1.0 + self.coordinates.length(here.place, here.coefficients))
+        smallest = SMALLEST * radius
         for evaluations in range(1, limit + 2):
             arrived = here.error < self.solver.tolerance
             for at in np.flatnonzero(arrived & here.useful):
@@ -166,7 +194,7 @@ class _Lockstep:
                     coefficients, float(here.error[at]), int(updates[place]), evaluations
                 )
             lost = here.error > DIVERGED_ABOVE * (1.0 + first[here.place])
-            here = here.of(here.useful & ~arrived & ~lost & (radius[here.place] > smallest))
+            here = here.of(here.useful & ~arrived & ~lost & (radius > smallest)[here.place])
             steps = self._steps(here, radius[here.place])
             here, steps = here.of(steps.fit), _Steps(*(part[steps.fit] for part in steps))
             if not len(here.place) or evaluations > limit:
@@ -230,13 +258,14 @@ class _Lockstep:
         )
 
     def _steps(self, here: _Here, radius: Array) -> _Steps:
-        left, values, right = np.linalg.svd(self.coordinates.jacobian(here.jacobian), full_matrices=False)
+        jacobian = self.coordinates.jacobian(here.place, here.jacobian)
+        left, values, right = np.linalg.svd(jacobian, full_matrices=False)
         inner = within_radius(values, _times(left.swapaxes(1, 2), here.vector), radius)
-        step = self.coordinates.coefficients(-_times(right.swapaxes(1, 2), inner).T).T
+        step = self.coordinates.coefficients(here.place, -_times(right.swapaxes(1, 2), inner))
         promised = here.merit - _length(here.vector - _times(left, values * inner))
         least = max(self.inverse.rank_tolerance, NEGLIGIBLE) * values[:, :1]
         full = (values > least).sum(axis=1) == here.vector.shape[1]
-        size = _length(self.coordinates.of(step.T).T)
+        size = self.coordinates.length(here.place, step)
         return _Steps(step, size, promised, full & (promised > PROMISED * here.merit))
 
 

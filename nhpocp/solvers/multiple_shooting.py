@@ -91,7 +91,7 @@ class MultipleShooting:
 
     def _best(self, problem: PlanningProblem, progress: Progress | None) -> Solution:
         best: Solution | None = None
-        tried = []
+        tried, ended = [], []
         for start in range(self.starts):
             maker = self.guess if start == 0 else ProblemGuess()
             told = telling(progress, way=f"start {start + 1} of {self.starts}" if self.starts > 1 else None)
@@ -99,6 +99,7 @@ class MultipleShooting:
             tried.append(
                 {"start": start, "outcome": solution.outcome.value, "objective": _objective(solution)}
             )
+            ended.append(solution)
             if best is None or _better(solution, best):
                 best = solution
             if solution.outcome is Outcome.INTERRUPTED:
@@ -111,7 +112,9 @@ class MultipleShooting:
             told = telling(progress, way=f"mesh check with {2 * self.intervals} intervals")
             details["mesh_check"] = mesh_check(self, problem, best, told)
             details["mesh_check_s"] = perf_counter() - began
-        return replace(best, details=details)
+        timing = {key: sum(one.timing[key] for one in ended) for key in best.timing}
+        evaluations = sum(one.evaluations for one in ended)
+        return replace(best, details=details, timing=timing, evaluations=evaluations)
 
 
 def _objective(solution: Solution) -> float:

@@ -1,14 +1,13 @@
 """The bounds of a problem along one path as rows g ≥ 0: values, derivatives, and how they fare between samples.
 
-A row is one side of one component of a bounded quantity at one sample, in units of its limit, so that -g is what
+A row is one side of one component of a bounded quantity at one sample, in units of its size, so that -g is what
 verification calls the relative excess, but for the share `INSIDE` by which a path is asked to stay within.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import lru_cache
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import casadi as ca
@@ -21,6 +20,7 @@ from nhpocp.controls.basis import ControlBasis
 from nhpocp.controls.control import Control
 from nhpocp.flow.dynamics import Dynamics
 from nhpocp.flow.integrators import RungeKutta4, uniform_grid
+from nhpocp.kept import kept
 from nhpocp.objectives import quantity
 from nhpocp.problem import PlanningProblem
 from nhpocp.systems.numeric import numeric_system
@@ -155,13 +155,13 @@ class _Sides:
         return (self.signs / self.sizes)[:, None] * slopes[:, self.places]
 
 
-def _sides(lower: Array, upper: Array) -> _Sides:
-    """The limits (components,) moved inwards by `INSIDE`, those of an equation outwards by `FORGIVEN`."""
-    found = []
-    for sign, limits, others in ((1.0, lower, upper), (-1.0, upper, lower)):
+def _sides(bound: Bound, shape: tuple[int, ...]) -> _Sides:
+    """The limits of a quantity of this shape moved inwards by `INSIDE`, those of an equation outwards by `FORGIVEN`."""
+    found, sides = [], (bound.lower, bound.upper, *bound.sizes)
+    lower, upper, below, above = (np.broadcast_to(np.asarray(side, float), shape).ravel() for side in sides)
+    for sign, limits, others, sizes in ((1.0, lower, upper, below), (-1.0, upper, lower, above)):
         for place in np.flatnonzero(np.isfinite(limits)):
-            limit, width = limits[place], abs(others[place] - limits[place])
-            size = abs(limit) or 1.0  # as `Bound.relative_excess` measures it
+            limit, width, size = limits[place], abs(others[place] - limits[place]), sizes[place]
             inwards = min(INSIDE * size, 0.25 * width) if width > 0 else -FORGIVEN * size
             found.append((place, sign, limit + sign * inwards, size))
     places, signs, limits, sizes = np.array(found).reshape(-1, 4).T
@@ -179,10 +179,7 @@ class _Boxed:
 
     def __init__(self, bound: Bound, system: System) -> None:
         self._value, self._slope, shape = _quantity_functions(system, bound.quantity)
-        sides = (
-            np.broadcast_to(np.asarray(side, float), shape).ravel() for side in (bound.lower, bound.upper)
-        )
-        self._sides, self._inputs = _sides(*sides), system.input_space.size
+        self._sides, self._inputs = _sides(bound, shape), system.input_space.size
 
     def values(self, states: Array, controls: Array) -> Array:
         (values,) = call(mapped(self._value, len(states)), states, controls)
@@ -195,7 +192,7 @@ class _Boxed:
         return scaled[:, :, : -self._inputs], scaled[:, :, -self._inputs :]
 
 
-@lru_cache(maxsize=128)
+@kept(most=128)
 def _quantity_functions(system: System, name: str) -> tuple[ca.Function, ca.Function, tuple[int, ...]]:
     """(x, u) ↦ a quantity's components row by row, (x, u) ↦ their derivative by (x, u), and the quantity's shape."""
     x, u = ca.SX.sym("x", system.state_space.size), ca.SX.sym("u", system.input_space.size)
@@ -219,8 +216,8 @@ class _Clearance:
         self._columns = np.asarray(problem.system.column_scales(self._name, problem.scale))
         self._orientation = np.sign(self._numeric.determinants(problem.start_point[None])[self._name][0])
         lower, upper = (float(np.asarray(side).ravel()[0]) for side in (bound.lower, bound.upper))
-        pair = np.array([lower, lower]), np.array([upper, np.inf])
-        self._sides, self._inputs = _sides(*pair), problem.system.input_space.size
+        pair = replace(bound, lower=np.array([lower, lower]), upper=np.array([upper, np.inf]))
+        self._sides, self._inputs = _sides(pair, (2,)), problem.system.input_space.size
 
     def _decomposed(self, states: Array) -> tuple[Array, Array, Array, Array]:
         """a (k, 2, rows), σ (k, 2), b (k, 2, columns) of the two least singular values, and the least one's sign."""
@@ -246,7 +243,7 @@ class _Clearance:
         return scaled, np.zeros((*scaled.shape[:2], self._inputs))
 
 
-@lru_cache(maxsize=64)
+@kept(most=64)
 def _weighted_matrix_slope(system: System, name: str) -> ca.Function:
     """(x, A) ↦ d/dx Σ A_ij M_ij(x) for a regularity matrix M."""
     x = ca.SX.sym("x", system.state_space.size)
@@ -257,10 +254,5 @@ def _weighted_matrix_slope(system: System, name: str) -> ca.Function:
 
 
 def worst(reports: Sequence[BoundReport]) -> BoundReport:
-    """The report that is worst relative to its own limit."""
-
-    def share(report: BoundReport) -> float:
-        limits = [abs(side) for side in report.bound.limits(report.component) if np.isfinite(side)]
-        return float(report.worst / (min(limits, default=1.0) or 1.0))
-
-    return max(reports, key=share)
+    """The report that is worst relative to what is allowed."""
+    return max(reports, key=lambda report: report.worst / report.allowed)

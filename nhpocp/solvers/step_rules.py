@@ -74,7 +74,7 @@ class Adaptive(StepRule):
     of that promise which is kept widens or narrows Δ. A trial whose path is not finite, or jumps across a surface that
     the equations cannot cross, is refused like one that promises too much. Near the solution the step is (16)'s with
     γ = 1, Newton's method; γ of the records is the share of the error that the model promises to remove.
-    ``first_radius`` is in units of 1 + |Λ₀|; lengths are those of the metric.
+    ``first_radius`` is in units of 1 + |Λ₀|; lengths are those of the metric, in which a natural control has 1.
     """
 
     first_radius: float = 0.5
@@ -126,19 +126,23 @@ class Ode(StepRule):
     def updates(self, here: Evaluation, evaluate: Evaluate) -> Iterator[Evaluation]:
         from scipy.integrate import DOP853
 
-        shape = here.coefficients.shape
+        shape, coordinates = here.coefficients.shape, here.direction.coordinates if here.direction else None
+        if coordinates is None:
+            return
 
-        def rate(theta: float, coefficients: Array) -> Array:
-            tried = evaluate(coefficients.reshape(shape), self.gamma)
-            return self.gamma * full_step(tried).ravel()
+        def control(z: Array) -> Array:
+            return coordinates.coefficients(z).reshape(shape)
+
+        def rate(theta: float, z: Array) -> Array:
+            return self.gamma * coordinates.of(full_step(evaluate(control(z), self.gamma)).ravel())
 
         accuracy = {"rtol": self.tolerance, "atol": self.tolerance}
-        solver = DOP853(rate, 0.0, here.coefficients.ravel(), np.inf, **accuracy)
+        solver = DOP853(rate, 0.0, coordinates.of(here.coefficients.ravel()), np.inf, **accuracy)
         while solver.status == "running":
             solver.step()
             if solver.status == "failed":
                 return
-            yield evaluate(solver.y.reshape(shape), float(solver.t - solver.t_old) * self.gamma)
+            yield evaluate(control(solver.y), float(solver.t - solver.t_old) * self.gamma)
 
     def settings(self) -> dict[str, Any]:
         return {"gamma": self.gamma}

@@ -139,12 +139,13 @@ class _Search:
         if walked is not None:
             yield "walking the goal", walked
 
-    def _solve(self, solver: Continuation, problem: PlanningProblem) -> Found:
+    def _solve(self, solver: Continuation, problem: PlanningProblem, updates: int = 0) -> Found:
         """A confirmed solve, its records among the search's."""
         if len(self.records) > BUDGET:
             raise _Spent
         self.solves += 1
-        found = confirmed(solver, problem, telling(self.progress, way=f"try {self.solves}: {self.way}"))
+        told = telling(self.progress, way=f"try {self.solves}: {self.way}")
+        found = confirmed(solver, problem, told, updates)
         attempt = len(self.tried)
         self.records += [record | {"attempt": attempt} for record in found.records]
         return found
@@ -162,7 +163,7 @@ class _Search:
         """
         if found.outcome is not Outcome.CONVERGED or (solver.objective == "none" and not self.problem.bounds):
             return found
-        second = self._solve(solver, begun_from(self.problem, found.control))
+        second = self._solve(solver, begun_from(self.problem, found.control), found.updates)
         if second.outcome in (Outcome.CONVERGED, Outcome.CONSTRAINT_VIOLATED, Outcome.INTERRUPTED):
             return second
         if self.problem.bounds:

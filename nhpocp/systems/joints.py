@@ -50,7 +50,7 @@ class LegPose:
             xp.array([1.0, 0.0, 0.0]) - self.r[0] * self.r,
             xp.array([0.0, 1.0, 0.0]) - self.r[1] * self.r,
         )
-        w1 = unit(xp.where(squared > 1e-12 * (1 + dot(self.a, self.a)), towards, spare))
+        w1 = unit(xp.where(squared > 1e-12 * dot(self.a, self.a), towards, spare))
         return w1, cross(self.r, w1)
 
     def joint_angles(self, reference: Array) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Any
 
 import casadi as ca
@@ -11,6 +11,7 @@ import numpy as np
 
 from nhpocp.arrays import Array
 from nhpocp.calls import call, mapped
+from nhpocp.kept import kept
 from nhpocp.systems.system import System
 
 ROUNDING = 1e-12  # what an eigenvalue of AᵀA may be wrong by, as a share of their sum
@@ -60,6 +61,19 @@ class NumericSystem:
     @cached_property
     def _regularity(self) -> tuple[ca.Function, dict[str, tuple[int, int]]]:
         return self._function("regularity", self._matrices(tuple(self.system.regularity(self._state))))
+
+    @cached_property
+    def names(self) -> list[tuple[str, str, list[str]]]:
+        """Of each part of a trajectory what it is, its name, the names of its numbers."""
+        space, inputs = self.system.state_space, self.system.input_space
+        found = [("state", block.name, block.labels) for block in space.blocks]
+        found += [("input", block.name, block.labels) for block in inputs.blocks]
+        for name, shape in self._outputs[1].items():
+            sizes = shape if shape[1] > 1 else shape[:1] if shape[0] > 1 else ()
+            labels = [name + "".join(f"[{i}]" for i in index) for index in np.ndindex(*sizes)]
+            found.append(("output", name, labels))
+        margins = [f"{kind}_{name}" for kind in ("sigma", "det") for name in self._regularity[1]]
+        return found + [("margin", name, [name]) for name in margins]
 
     @cached_property
     def breaking_function(self) -> ca.Function:
@@ -139,7 +153,7 @@ class NumericSystem:
         }
 
 
-@lru_cache(maxsize=32)
+@kept(most=16)
 def numeric_system(system: System) -> NumericSystem:
     """The `NumericSystem` of a system, made once: solvers meet the same robot many times."""
     return NumericSystem(system)

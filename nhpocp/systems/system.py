@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from inspect import Parameter as SignatureParameter
+from inspect import signature
 from math import isfinite
-from typing import Any, ClassVar, Literal, Protocol, Self
+from typing import Any, ClassVar, Literal, Self
 
 from nhpocp.arrays import Array, namespace, symbolic
 from nhpocp.errors import InvalidProblemError
-from nhpocp.state_space import Block, StateSpace
+from nhpocp.frozen import Frozen
+from nhpocp.state_space import Block, StateSpace, check_distinct
 
 
 @dataclass(frozen=True)
@@ -47,14 +50,41 @@ def _number(name: str, value: Any) -> float:
     return number
 
 
-class System(Protocol):
+_COLLECTED = SignatureParameter.VAR_POSITIONAL, SignatureParameter.VAR_KEYWORD
+
+# names that stand for something else in a trajectory, or in the archive that holds its arrays
+RESERVED = ("t", "file", "allow_pickle")
+MARGINS = ("sigma_", "det_")  # what the names of margins begin with
+
+
+def check_names(parts: Sequence[tuple[str, str, Sequence[str]]]) -> None:
+    """Errors: `InvalidProblemError` where a part of a trajectory has a name that something else has.
+
+    parts: what it is, its name, the names of its numbers.
+    """
+    check_distinct(parts)
+    for what, name, _ in parts:
+        if what != "margin" and (name in RESERVED or name.startswith(MARGINS)):
+            raise InvalidProblemError(
+                f"{what} {name!r} is called like something else: {', '.join(RESERVED)}, and what begins with "
+                f"{' or '.join(MARGINS)}, have a meaning of their own in every trajectory; rename it"
+            )
+
+
+def _blocks(system: System, space: str) -> Sequence[Block]:
+    return getattr(getattr(system, space, None), "blocks", ())
+
+
+class System(Frozen):
     r"""A control system  ẋ = f(x) + G(x) u  on a `StateSpace`, driftless where f = 0.
 
     x is a packed point, u a packed input; G(x) has one row per tangent number (rotations: angular velocity in base
     coordinates) and one column per input number. Everything works for numbers (NumPy) and for CasADi symbols.
-    Subclass it, declare the class variables, and write `vector_fields`; where there is a drift f, `drift`.
+    Subclass it, declare the class variables, and write `vector_fields`; where there is a drift f, `drift`. Attributes
+    are set in ``__init__``; once that has finished a system is frozen, and `with_` makes another.
     """
 
+    noun: ClassVar[str] = "system"
     model: ClassVar[str]
     declared: ClassVar[Mapping[str, Parameter]] = {}
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
@@ -91,8 +121,29 @@ class System(Protocol):
         for name, parameter in self.declared.items():
             setattr(self, name, parameter.checked(name, parameters.get(name, parameter.default)))
 
-    def __hash__(self) -> int:
-        return id(self)  # what is made for a system is kept beside it
+    def _freeze(self) -> None:
+        check_names(
+            [
+                *(("state", block.name, block.labels) for block in _blocks(self, "state_space")),
+                *(("input", block.name, block.labels) for block in _blocks(self, "input_space")),
+                *(("output", block.name, block.labels) for block in self.pose_outputs),
+            ]
+        )
+        super()._freeze()
+
+    def with_(self, **changes: Any) -> Self:
+        """The system with other parameters; those that are not named keep their values."""
+        values = {**self.parameters(), **changes}
+        for name, parameter in list(signature(type(self).__init__).parameters.items())[1:]:
+            if name in values or name in self.declared or parameter.kind in _COLLECTED:
+                continue
+            if name not in vars(self):
+                raise InvalidProblemError(
+                    f"{type(self).__name__} does not say what its {name!r} is; expected it among parameters(), or as "
+                    "an attribute of that name"
+                )
+            values[name] = vars(self)[name]
+        return type(self)(**values)
 
     def parameters(self) -> dict[str, Any]:
         """Every parameter as plain JSON data; ``type(self)(**self.parameters())`` is the same system."""
@@ -101,7 +152,7 @@ class System(Protocol):
 
     def vector_fields(self, state: Array) -> Array:
         """G(x), dimension × inputs."""
-        ...
+        raise NotImplementedError(f"{type(self).__name__} has no vector_fields(state)")
 
     def drift(self, state: Array) -> Array:
         """f(x), the velocity without control (dimension,); zero unless overridden."""

@@ -14,7 +14,7 @@ from nhpocp.arrays import Array
 from nhpocp.constraints import BoundReport, check_bounds
 from nhpocp.solution import Crossing, Replay, Solution, Verdict
 from nhpocp.state_space import Block
-from nhpocp.systems.numeric import numeric_system
+from nhpocp.systems.numeric import NumericSystem
 from nhpocp.verification import geometry
 from nhpocp.verification.crossings import find_crossings
 from nhpocp.verification.replay import (
@@ -35,6 +35,9 @@ NEAR_SINGULAR = 1e-3  # σ_min under which the system's own rates have too few d
 DRIFT = 1e-5  # on RᵀR; a start may be off by 1e-6, and the exact flow keeps RᵀR as it is
 QUANTITY_TOLERANCE = 1e-4  # of a quantity's largest magnitude on the path; of one radian for angles
 NUDGE = 1e-9  # relative change of the state; what that does to a quantity is never held against it
+SAME_TIME = (
+    1e-6  # relative: a sequence's durations add up to rounding, and optimizers may relax a bound by 1e-8
+)
 PATH_TOLERANCE = 1e-5  # share of the mechanism's length by which a stored trajectory may be off
 
 
@@ -43,12 +46,13 @@ def verify(solution: Solution) -> Verdict:
 
     ``ok`` only where the replayed end (and every via pose) is within 1.01 × the solution's tolerance, rolling and
     leg_rate are ≤ 1e-6, no determinant that the equations divide by is zero on the way, the stored trajectory is the
-    replayed one, and every bound holds on a fine grid.
+    replayed one, the control lasts as long as the problem says, and every bound holds on a fine grid.
     """
     with np.errstate(
         all="ignore"
     ):  # a path that blows up has overflowing outputs; they are reported, not warned of
         check = _Check(solution)
+        check.horizon()
         error = check.end_error()
         rolling, leg_rate = check.legs()
         original = check.original()
@@ -82,8 +86,8 @@ class _Check:
         self.problem, self.control = self.solution.problem, self.solution.control
         self.system: Any = self.problem.system
         self.space = self.system.state_space
-        self.numeric = numeric_system(self.system)
-        self.path = replay(self.numeric, self.control, self.problem.start_point)
+        self.numeric = NumericSystem(self.system)  # afresh: what the solver keeps may be out of date
+        self.path = replay(self.numeric, self.control, self.problem.start_point, self.problem.scales.points)
         self.samples = sample(self.path, self.control, SAMPLES)
         self.allowed = SLACK * self.solution.tolerance
 
@@ -116,6 +120,23 @@ class _Check:
             value = value / np.linalg.norm(value)
             return np.array([2 * np.arctan2(np.linalg.norm(value - wanted), np.linalg.norm(value + wanted))])
         return (value - np.ravel(wanted)) / (self.problem.error_length if output.unit == "length" else 1.0)
+
+    def horizon(self) -> None:
+        """Whether the control lasts as long as the problem says."""
+        wanted, duration = self.problem.horizon, self.control.horizon
+        if not wanted.free:
+            if wanted.initial is not None and not np.isclose(
+                duration, wanted.initial, rtol=SAME_TIME, atol=0
+            ):
+                self.reasons.append(
+                    f"the control lasts {duration:g}; the problem's horizon is {wanted.initial:g}"
+                )
+            return
+        low, high = wanted.minimum or 0.0, wanted.maximum or np.inf
+        if not low * (1 - SAME_TIME) <= duration <= high * (1 + SAME_TIME):
+            self.reasons.append(
+                f"the control lasts {duration:g}, outside the problem's horizon [{low:g}, {high:g}]"
+            )
 
     def end_error(self) -> float | None:
         """E at T and at the via poses, together."""
@@ -205,6 +226,7 @@ class _Check:
             self.control,
             self.problem.start_point,
             Watch(other, self.problem.start_point, vanishing=1e-5),
+            self.problem.scales.points,
         )
         return self._judge_original(path)
 
@@ -318,7 +340,11 @@ class _Check:
         if not self.problem.bounds:
             return []
         reports = check_bounds(self.problem.bounds, self.samples.times, self.trajectory)
-        self.reasons.extend(report.describe() for report in reports if not report.ok)
+        self.reasons.extend(
+            f"{report.describe()} by {report.worst:.3g}, more than the {report.allowed:.3g} allowed"
+            for report in reports
+            if not report.ok
+        )
         return reports
 
 

@@ -87,7 +87,7 @@ def sign_changes(function: Callable[[float], float], times: Array, values: Array
     zeros = []
     for (low, before), (high, after) in pairwise(sorted(knots)):
         if before != after:
-            zeros.append(float(brentq(function, low, high, xtol=1e-12)))
+            zeros.append(float(brentq(function, low, high, xtol=1e-12 * (high - low))))
     return zeros
 
 
@@ -106,7 +106,7 @@ def _dips(function: Callable[[float], float], times: Array, values: Array) -> li
             lambda t, sign=signs[k]: sign * function(t),
             bounds=(times[k - 1], times[k + 1]),
             method="bounded",
-            options={"xatol": 1e-12},
+            options={"xatol": 1e-12 * (times[k + 1] - times[k - 1])},
         )
         if lowest.fun < 0:
             dips.append((float(lowest.x), float(signs[k])))

@@ -26,10 +26,15 @@ from nhpocp.state_space import StateSpace
 from nhpocp.systems.numeric import NumericSystem
 from nhpocp.systems.system import System
 
-RTOL = ATOL = 1e-12
-METHOD = f"SciPy DOP853, rtol {RTOL:g}, atol {ATOL:g}, between the control's breakpoints"
+RTOL = ATOL = 1e-12  # the latter in units of the state's scales
+METHOD = (
+    f"SciPy DOP853, rtol {RTOL:g}, atol {ATOL:g} of the state's scales, between the control's breakpoints"
+)
 MOST_STEPS = 5_000  # of a smooth piece; one takes 20 to 500
 STEPS_PER_FUNCTION = 20  # more, for a basis whose functions oscillate: a harmonic takes up to 10
+FIRST_STEP = (
+    0.02  # of the horizon, at most a smooth piece: SciPy's own first step is absolute at a state of zeros
+)
 SHORTEST_STEP = 1e-9  # share of a smooth piece; a path that needs such steps ends there
 
 # On a smooth piece, mapped to [-1, 1]: basis functions are interpolated at Chebyshev's nodes, and compared with that at
@@ -81,6 +86,11 @@ class Path:
             return np.tile(self.start, (len(times), 1))
         return np.asarray(self._dense(times)).T
 
+    @property
+    def times(self) -> Array:
+        """Where the integrator's steps end, 0 first."""
+        return np.zeros(1) if self._dense is None else np.asarray(self._dense.ts)
+
     def at(self, time: float) -> Array:
         """The state (n,) at one time, without the cost of arrays of times."""
         return self.start if self._dense is None else np.asarray(self._dense(time))
@@ -125,7 +135,7 @@ class Watch:
         named = " or ".join(f"det {name.upper()}" for name in self._names)
         if np.sign(value) != self._sign:
             if self.value(dense(low)) * value < 0:  # else the value is 0 or not a number
-                high = float(brentq(lambda t: self.value(dense(t)), low, high, xtol=1e-12))
+                high = float(brentq(lambda t: self.value(dense(t)), low, high, xtol=1e-12 * (high - low)))
             return high, f"{named}, by which these equations divide, changes its sign"
         if abs(value) < self._vanishing * self._largest:
             return high, f"{named}, by which these equations divide, vanishes"
@@ -152,8 +162,13 @@ def inputs_on_piece(control: Control, first: float, last: float) -> Callable[[fl
     return lambda t: control(np.array([min(t, last)]), "left" if t >= last else "right")[0]
 
 
-def integrate(rate: Rate, control: Control, start: Array, watch: Watch | None = None) -> Path:
-    """ẋ = rate over the control's horizon; ends early where it cannot go on, or where ``watch`` meets a zero."""
+def integrate(
+    rate: Rate, control: Control, start: Array, watch: Watch | None = None, scales: Array | float = 1.0
+) -> Path:
+    """ẋ = rate over the control's horizon; ends early where it cannot go on, or where ``watch`` meets a zero.
+
+    ``scales``: the natural sizes of the state's numbers. No step or tolerance has a unit of its own.
+    """
     knots = np.unique([0.0, *control.breakpoints, control.horizon])
     budget = MOST_STEPS + STEPS_PER_FUNCTION * control.basis.size
     times: list[float] = [0.0]
@@ -171,7 +186,8 @@ def integrate(rate: Rate, control: Control, start: Array, watch: Watch | None = 
             ).all():  # DOP853 would never return from its first step
                 stopped = "the rate there is not finite"
                 break
-            solver = DOP853(piecewise, first, state, last, rtol=RTOL, atol=ATOL)
+            step = min(last - first, FIRST_STEP * control.horizon)
+            solver = DOP853(piecewise, first, state, last, rtol=RTOL, atol=ATOL * scales, first_step=step)
             taken = 0
             while solver.status == "running" and stopped is None:
                 solver.step()
@@ -197,11 +213,11 @@ def integrate(rate: Rate, control: Control, start: Array, watch: Watch | None = 
     return Path(np.asarray(start), times[-1], stopped, OdeSolution(times, pieces) if pieces else None)
 
 
-def replay(numeric: NumericSystem, control: Control, start: Array) -> Path:
-    """The system's own equations ẋ = G(x) u under the control."""
+def replay(numeric: NumericSystem, control: Control, start: Array, scales: Array | float = 1.0) -> Path:
+    """The system's own equations ẋ = G(x) u under the control; ``scales`` as for `integrate`."""
     rate = FastFunction(numeric.rate_function)
     patient = Watch(numeric.system, start, vanishing=1e-7)  # to stop here is to refute
-    return integrate(lambda t, x, u: rate(x, u), control, start, patient)
+    return integrate(lambda t, x, u: rate(x, u), control, start, patient, scales)
 
 
 def sample(path: Path, control: Control, count: int) -> Samples:

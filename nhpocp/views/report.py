@@ -70,7 +70,7 @@ def _section(group: Group, rows: Sequence[Row], place: int) -> dict[str, Any]:
         "title": group.title,
         "introduction": introduction,
         "assumed": assumed,
-        "facts": words.facts(group.problem),
+        "facts": words.facts(group),
         "verdict": words.verdict(group),
         "runs": list(zip(names, rows, strict=True)),
         "tables": _tables(group, names, rows),
@@ -93,8 +93,18 @@ def _section(group: Group, rows: Sequence[Row], place: int) -> dict[str, Any]:
             names, group.entries, _certificate, lambda entry: entry.solution.solver == "nlp"
         ),
         "settings": _chunked(names, group.entries, lambda entry: _texts(entry.solution.settings)),
-        "source": group.problem.source,
+        "sources": _sources(group, names),
     }
+
+
+def _sources(group: Group, names: Sequence[str]) -> list[tuple[str, str]]:
+    """The problem files; of each control to begin with one, called by its runs where there are several."""
+    found = [
+        (", ".join(names[i] for i in places), group.entries[places[0]].solution.problem.source)
+        for places in words.controls(group).values()
+    ]
+    known = [(who, source) for who, source in found if source]
+    return known if len(found) > 1 else [("", source) for _, source in known]
 
 
 def _figure(overlay: Overlay, prefix: str, names: Sequence[str]) -> dict[str, Any]:

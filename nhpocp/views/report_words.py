@@ -186,8 +186,29 @@ def _dearer(entry: Entry, name: str, best: float) -> Markup:
 # --- what was asked -------------------------------------------------------------------------------------------------
 
 
-def facts(problem: PlanningProblem) -> list[tuple[str, Markup]]:
+def controls(group: Group) -> dict[Markup, list[int]]:
+    """What the runs begin with, and which of them begin so."""
+    found: dict[Markup, list[int]] = {}
+    for place, entry in enumerate(group.entries):
+        found.setdefault(_initial(entry.solution.problem), []).append(place)
+    return found
+
+
+def _beginnings(group: Group) -> Markup:
+    """The control to begin with; by the names of the runs where they differ in it."""
+    found, names = controls(group), titles(group.entries)
+    if len(found) == 1:
+        return next(iter(found))
+    parts = [
+        Markup("{}: {}").format(_listed(Markup.escape(names[i]) for i in places), words)
+        for words, places in found.items()
+    ]
+    return Markup("; ").join(parts)
+
+
+def facts(group: Group) -> list[tuple[str, Markup]]:
     """The problem term by term."""
+    problem = group.problem
     system, space = problem.system, problem.system.state_space
     parameters = [
         f"{key} = {_parameter(value)}" for key, value in system.parameters().items() if value is not None
@@ -204,7 +225,7 @@ def facts(problem: PlanningProblem) -> list[tuple[str, Markup]]:
         ("Goal", _target(problem, problem.goal)),
         *((f"Via pose at {via.share:g} T", _target(problem, via.goal)) for via in problem.via),
         ("Horizon T", span),
-        ("Control to begin with", _initial(problem)),
+        ("Control to begin with", _beginnings(group)),
         ("Objective", Markup("{}, {}").format(problem.objective.replace("_", " "), cost_symbol(problem))),
         ("Constraints on the path", _bounds(problem)),
         ("Error E", _error(problem)),

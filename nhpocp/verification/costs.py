@@ -1,0 +1,35 @@
+"""What a motion costs, integrated along its replay by Gauss and Legendre's rule on the integrator's own steps."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from nhpocp.controls.control import Control
+from nhpocp.objectives import INTEGRANDS, available
+from nhpocp.problem import PlanningProblem
+from nhpocp.systems.numeric import NumericSystem
+from nhpocp.verification.replay import replay
+
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(4)
+AT_ONCE = 256  # steps
+
+
+def replayed_costs(problem: PlanningProblem, control: Control) -> dict[str, float] | None:
+    """The integrals of `INTEGRANDS` that the system has, effort included; None where the replay ends early."""
+    with np.errstate(all="ignore"):
+        numeric = NumericSystem(problem.system)
+        path = replay(numeric, control, problem.start_point)
+        if path.stopped:
+            return None
+        found = dict.fromkeys(available(problem.system), 0.0)
+        knots = path.times
+        for first in range(0, len(knots) - 1, AT_ONCE):
+            ends = knots[first : first + AT_ONCE + 1]
+            middles, halves = 0.5 * (ends[1:] + ends[:-1]), 0.5 * np.diff(ends)
+            times = (middles[:, None] + halves[:, None] * NODES).ravel()
+            shares = (halves[:, None] * WEIGHTS).ravel()
+            states, controls = path(times), control(times)
+            for name in found:
+                values = numeric.along(INTEGRANDS[name], states, controls, problem.scale)
+                found[name] += float(shares @ values)
+        return found
