@@ -24,6 +24,7 @@ from nhpocp.flow.kernels import CompiledWhenReady, Kernels
 from nhpocp.flow.runge_kutta import Bundle, Ends, Grid, Scheme, Sweep, Swept, ends_of, scheme, walked
 from nhpocp.machine import afford
 
+WORTH_ASKING = 1e8  # bytes: asking the system for its free memory takes as long as a small sweep
 FEWEST, ENOUGH = 5.0, 10.0  # steps for each period of the fastest function of a basis
 
 
@@ -157,10 +158,9 @@ class RungeKuttaFlow:
 
     def sensitivity(self, start: Array, coefficients: Array, stops: Sequence[int] = (-1,)) -> Swept:
         functions = scheme(self._dynamics)
-        afford(
-            16.0 * len(stops) * functions.rows * np.size(coefficients),
-            f"the derivatives of {len(stops)} states by {np.size(coefficients)} coefficients",
-        )
+        wanted = 16.0 * len(stops) * functions.rows * np.size(coefficients)
+        if wanted > WORTH_ASKING:
+            afford(wanted, f"the derivatives of {len(stops)} states by {np.size(coefficients)} coefficients")
         sweep = self._sweep(start, coefficients, [range(len(self.times))[stop] for stop in stops])
         if len(stops) * functions.rows > sweep.coefficients.size:
             return self._forwards(functions, sweep)
