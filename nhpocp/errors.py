@@ -46,6 +46,10 @@ class OrientationAtPiError(NhpocpError, ValueError):
     """The logarithm of a half turn: its axis has two signs, so the error of orientation has no direction."""
 
 
+class TooLargeError(NhpocpError, MemoryError):
+    """More memory would be needed than there is; the message says how much, and what for."""
+
+
 class UnreadableSolutionError(LocatedError):
     """A folder that is not a solution folder, or one that was damaged."""
 

@@ -13,6 +13,9 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
+from nhpocp.errors import TooLargeError
+
+ROOM = 0.8  # of the free memory: what one piece of work may take
 PATIENCE = 5.0  # seconds for a compiler to say its version
 PACKAGES = ("nhpocp", "casadi", "numpy", "scipy")
 
@@ -111,6 +114,28 @@ def peak_memory() -> float | None:
         lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
         return next(round(int(line.split()[1]) / 1024, 1) for line in lines if line.startswith("VmHWM"))
     return None
+
+
+def free_memory() -> float | None:
+    """Bytes that this process may still take, where the operating system (Linux) says so."""
+    found = []
+    with suppress(OSError, ValueError, IndexError):
+        lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
+        found += [1024.0 * int(line.split()[1]) for line in lines if line.startswith("MemAvailable")]
+    with suppress(OSError, ValueError):  # a container's own limit
+        group = Path("/sys/fs/cgroup")
+        limit, used = ((group / f"memory.{name}").read_text(encoding="ascii") for name in ("max", "current"))
+        found.append(float(int(limit) - int(used)))
+    return min(found, default=None)
+
+
+def afford(size: float, what: str) -> None:
+    """Errors: `TooLargeError` where ``what`` takes more bytes than there is room for."""
+    free = free_memory()
+    if free is not None and size > ROOM * free:
+        raise TooLargeError(
+            f"{what} would take about {size / 1e9:.2g} GB of memory, and {free / 1e9:.2g} GB are free"
+        )
 
 
 def environment(plugin: str | None = None) -> dict[str, Any]:

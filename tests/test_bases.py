@@ -10,13 +10,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nhpocp import planning
+from nhpocp.controls import samples
 from nhpocp.controls.bspline import BSpline
 from nhpocp.controls.control import Control
 from nhpocp.controls.fourier import Fourier
 from nhpocp.controls.legendre import Legendre
 from nhpocp.controls.piecewise_constant import PiecewiseConstant
 from nhpocp.controls.projection import project
+from nhpocp.controls.samples import Samples
 from nhpocp.controls.sequence import SequenceBasis
+from nhpocp.controls.table import Gram
 from nhpocp.errors import InvalidProblemError
 from nhpocp.flow.simulation import simulate
 from nhpocp.problem_file import control_from_json, dump_problem, parse_problem
@@ -72,6 +75,49 @@ def test_gram_is_the_integral_of_products(basis, horizon):
     np.testing.assert_allclose(
         basis.gram(horizon), table.T @ (weights[:, None] * table), rtol=0, atol=1e-12 * horizon
     )
+
+
+@every_basis
+def test_a_local_table_is_the_table(basis):
+    times = np.sort(np.concatenate([np.linspace(0, 2.5, 31), basis.breakpoints(2.5)]))
+    weights = np.random.default_rng(0).normal(size=(len(times), 3))
+    for side in ("left", "right"):
+        table, local = basis.table(times, 2.5, side), basis.local_table(times, 2.5, side)
+        np.testing.assert_allclose(local.dense(), table, rtol=0, atol=1e-14)
+        columns = np.arange(2.0 * basis.size).reshape(basis.size, 2)
+        np.testing.assert_allclose(local @ columns, table @ columns, rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(local.transposed(weights), table.T @ weights, rtol=0, atol=1e-12)
+
+
+@every_basis
+def test_samples_are_the_same_in_slices(basis, monkeypatch):
+    """Tables that are too large to be kept are made again, part by part."""
+    times, left = np.linspace(0, 2.5, 31), np.arange(31) % 3 == 0
+    coefficients, rows = np.ones((2, basis.size)), np.random.default_rng(0).normal(size=(31, 4))
+    whole = Samples(basis, 2.5, times, left)
+    monkeypatch.setattr(samples, "KEPT", 0)
+    monkeypatch.setattr(samples, "SLICE", 40)
+    sliced = Samples(basis, 2.5, times, left)
+    for side, mine in (("left", left), ("right", ~left)):
+        control = Control(basis, coefficients, 2.5)(times, side)
+        np.testing.assert_allclose(whole.controls(coefficients)[mine], control[mine], atol=1e-13)
+    np.testing.assert_allclose(sliced.controls(coefficients), whole.controls(coefficients), atol=1e-13)
+    np.testing.assert_allclose(sliced.transposed(rows), whole.transposed(rows), atol=1e-12)
+    np.testing.assert_allclose(sliced.dense(), whole.dense(), atol=1e-14)
+
+
+@every_basis
+def test_gram_matrices_are_solved_and_rooted_by_their_bands(basis):
+    gram, columns = Gram.of(basis.gram(2.5)), np.random.default_rng(0).normal(size=(basis.size, 3))
+    full = np.asarray(gram)
+    root = np.linalg.cholesky(full)
+    np.testing.assert_allclose(np.asarray(Gram.of(full)), full, atol=1e-15)
+    np.testing.assert_allclose(gram @ columns, full @ columns, atol=1e-12)
+    np.testing.assert_allclose(gram.solve(columns), np.linalg.solve(full, columns), rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(gram.solve_root(columns), np.linalg.solve(root, columns), rtol=1e-9, atol=1e-9)
+    back = np.linalg.solve(root.T, columns)
+    np.testing.assert_allclose(gram.solve_root_transposed(columns), back, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(gram.root_transposed(columns), root.T @ columns, atol=1e-12)
 
 
 @every_basis

@@ -23,7 +23,7 @@ CHAINS = [  # inside a floor: a group may import the groups to its right, never 
     ["state_space", "so3", "arrays"],
     ["state_space", "frozen", "errors"],
     ["calls", "arrays kept"],
-    ["controls", "controls.basis"],
+    ["controls", "controls.basis", "controls.table"],
     ["systems", "systems.system"],
     ["flow.end_point_map flow.simulation", "flow.variational", "flow.integrators flow.kernels"],
     ["solution", "problem", "task constraints", "scales objectives"],

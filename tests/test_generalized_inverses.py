@@ -5,6 +5,7 @@ import pytest
 from conftest import paper_problem
 
 from nhpocp import planning
+from nhpocp.controls.bspline import BSpline
 from nhpocp.controls.fourier import Fourier
 from nhpocp.errors import InvalidProblemError
 from nhpocp.flow.end_point_map import DifferentiatedEndPointMap, VariationalEndPointMap
@@ -200,3 +201,23 @@ def test_lagrangian_reaches_the_goal(preset, rule):
         rule = Euler(0.1)
     solution = planning.solve(paper_problem(preset), Continuation(step_rule=rule, inverse=Lagrangian()))
     assert solution.converged, solution.message
+
+
+@pytest.mark.parametrize("basis", [Fourier(2), BSpline(3, 4)], ids=lambda basis: basis.kind)
+@pytest.mark.parametrize(
+    "metric", [CoefficientMetric(), L2Metric(), WeightedMetric([[2, 1, 0], [1, 2, 0], [0, 0, 1]])]
+)
+def test_coordinates_need_no_matrix_of_all_coefficients(metric, basis):
+    """L is a product of a small matrix and a Gram matrix's root; so are the coordinates of single and many vectors."""
+    sizes, random = np.array([2.0, 0.5, 1.0]), np.random.default_rng(0)
+    found = Coordinates.natural(metric, basis, sizes, 1.7)
+    units = np.repeat(np.broadcast_to(metric.unit(sizes, 1.7), 3), basis.size)
+    full = Coordinates(metric.factor(basis, 3, 1.7) / units[:, None])
+    rows, columns = random.normal(size=(2, 4, 3 * basis.size)), random.normal(size=(3 * basis.size, 2))
+    np.testing.assert_allclose(found.jacobian(rows), full.jacobian(rows), rtol=1e-9, atol=1e-9)
+    for vectors in (columns, columns[:, 0]):
+        np.testing.assert_allclose(found.of(vectors), full.of(vectors), rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(
+            found.coefficients(vectors), full.coefficients(vectors), rtol=1e-9, atol=1e-9
+        )
+    assert found.length(columns[:, 0]) == pytest.approx(full.length(columns[:, 0]))

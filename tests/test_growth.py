@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from typing import ClassVar
 
+import casadi as ca
 import numpy as np
 import pytest
+import wheels
 from conftest import Integrators, Turntable, paper_problem
 from ferry import Ferry
 from hypothesis import given, settings
@@ -13,8 +15,10 @@ from hypothesis import strategies as st
 
 from nhpocp.analysis.growth import Fields, Scales, filtration, rank_losses
 from nhpocp.analysis.spectrum import Spectrum
-from nhpocp.analysis.verdict import verdict
+from nhpocp.analysis.verdict import Reserve, pieces_of, verdict
 from nhpocp.arrays import namespace
+from nhpocp.constraints import Bound
+from nhpocp.problem import PlanningProblem
 from nhpocp.problem_file.registry import system_class
 from nhpocp.state_space import StateSpace, scalar
 from nhpocp.systems.system import System
@@ -225,6 +229,170 @@ def test_no_size_of_all_fields_together_matters(factor):
     own, other = (grown(system, [0.4, 0, 0]).points[0] for system in (Martinet(), Faster()))
     for one, two in zip(own.spectra, other.spectra, strict=True):
         np.testing.assert_allclose(one.values, two.values, rtol=1e-9)
+
+
+class Scaled(System):
+    """Another system with its tangent numbers in other units, and its inputs too: x = state_units * y."""
+
+    def __init__(self, system, state_units, input_units=1.0):
+        self.system, self.model = system, f"scaled {system.model}"
+        self.state_space, self.input_space = system.state_space, system.input_space
+        self.units, self.inputs = np.broadcast_to(state_units, system.state_space.size), input_units
+
+    def vector_fields(self, state):
+        fields = self.system.vector_fields(state * self.units)
+        xp = namespace(state)
+        columns = fields.shape[1]
+        rows = [
+            [fields[i, j] * self.inputs / unit for j in range(columns)] for i, unit in enumerate(self.units)
+        ]
+        return xp.matrix(rows)
+
+
+def nearby(system, size):
+    return size * (0.3 + 0.1 * np.arange(system.state_space.size))
+
+
+@pytest.mark.parametrize("size", [0.0, 1.0, 1e3, 1e6])
+def test_heisenbergs_brackets_are_left_invariant(size):
+    """Size is not degeneracy: (2, 3) everywhere."""
+    found = grown(system_class("heisenberg")(), [size, -0.5 * size, size])
+    assert found.points[0].vector == found.generic.vector == (2, 3)
+    assert verdict(found, ["here"], TOLERANCE).kind == "controllable"
+
+
+@pytest.mark.parametrize("size", [1e3, 1e6])
+def test_a_free_nilpotent_system_is_left_invariant_too(size):
+    system, point = start("free_nilpotent_36", x=[size, size, 0.0], z=[0.0, 0.0, 0.0])
+    assert grown(system, point).points[0].vector == (3, 6)
+
+
+@pytest.mark.parametrize("unit", [1e-3, 1.0, 1e3, 1e6])
+@pytest.mark.parametrize("trailers", [1, 2, 3])
+def test_trailers_in_any_unit_are_controllable(trailers, unit):
+    system = wheels.Trailers(lengths=(unit,) * trailers)
+    point = [0.3 * unit, 0.2 * unit, *0.1 * np.arange(trailers + 1)]
+    vector = tuple(range(2, trailers + 4))
+    for length in (1.0, unit):
+        found = grown(system, point, length=length)
+        assert found.points[0].vector == vector
+        assert verdict(found, ["here"], TOLERANCE).kind == "controllable"
+
+
+@pytest.mark.parametrize("factor", [1e-9, 1e9])
+@pytest.mark.parametrize(
+    "system", [wheels.Chained5(), wheels.Engel(), wheels.Cartan()], ids=lambda s: s.model
+)
+def test_no_unit_of_state_or_input_makes_a_system_degenerate(system, factor):
+    point, vector = nearby(system, 1.0), grown(system, nearby(system, 1.0)).points[0].vector
+    one = np.where(np.arange(system.state_space.size) == system.state_space.size - 1, factor, 1.0)
+    for units, inputs in ((factor, 1.0), (1.0, factor), (one, 1.0)):
+        found = grown(Scaled(system, units, inputs), point / units)
+        assert verdict(found, ["here"], TOLERANCE).kind == "controllable"
+        assert found.points[0].vector == vector
+
+
+@pytest.mark.parametrize("size", [1.0, 1e3, 1e6])
+@pytest.mark.parametrize("factor", [1e-9, 1.0, 1e9])
+def test_what_is_integrable_is_so_in_every_unit(size, factor):
+    found = grown(Scaled(Leaves(), factor), np.array([0.1, size, 0.3]) / factor)
+    assert verdict(found, ["here"], TOLERANCE).kind == "not controllable"
+
+
+class Turned(Plane):
+    """ż = cos²(x) + sin²(x) - 1 + y u2: a height whose bracket vanishes but for rounding."""
+
+    model: ClassVar[str] = "turned"
+
+    def height(self, x, y):
+        xp = namespace(x, y)
+        return (xp.cos(x) * xp.cos(x) + xp.sin(x) * xp.sin(x)) * y
+
+
+@pytest.mark.parametrize("place", [0.3, 30.0, 3e4])
+def test_a_bracket_that_vanishes_to_rounding_is_zero(place):
+    found = grown(Turned(), [place, 0.2, 0.1])
+    assert found.points[0].vector == (2,)
+    assert verdict(found, ["here"], TOLERANCE).kind == "not controllable"
+
+
+class Nearly(System):
+    """Four fields in R⁴, the last but 1e-9 in the plane of the others, so that no clear rank can be read."""
+
+    model: ClassVar[str] = "nearly"
+    state_space = StateSpace([scalar(name) for name in "abc"])
+    input_space = StateSpace([scalar(f"u{i}") for i in range(3)])
+
+    def vector_fields(self, state):
+        return namespace(state).matrix([[1, 0, 1], [0, 1, 1], [1, 1, 2 + 1e-9]])
+
+
+def test_a_rank_without_a_clear_margin_is_undecided():
+    found = grown(Nearly(), [0.1, 0.2, 0.3])
+    said = verdict(found, ["here"], TOLERANCE)
+    assert said.kind == "undecided"
+    assert "not by a clear margin" in said.sentence
+
+
+# --- what the verdict does not cover -------------------------------------------------------------------------------
+
+
+class Kinked(Plane):
+    """ż = |x| u2."""
+
+    model: ClassVar[str] = "kinked"
+
+    def height(self, x, y):
+        return ca.fabs(x)
+
+
+class Joined(Plane):
+    """ż = x u2 where x > 1, else nothing: integrable on one piece only."""
+
+    model: ClassVar[str] = "joined"
+
+    def height(self, x, y):
+        return ca.if_else(x > 1.0, x, 0.0)
+
+
+def reserve(system, **bounds):
+    origin = dict.fromkeys(system.state_space.names, 0.0)
+    limits = [Bound("control", name, *sides) for name, sides in bounds.items()]
+    return Reserve.of(PlanningProblem(system=system, start=origin, goal=origin, bounds=limits))
+
+
+def test_fields_that_are_joined_of_pieces_are_named():
+    found = grown(Kinked(), [0.5, 0.0, 0.0])
+    said = verdict(found, ["here"], TOLERANCE, Reserve(pieces_of(Kinked())))
+    assert said.kind == "controllable"
+    assert "joined of pieces (|·|)" in said.sentence
+    assert pieces_of(Martinet()) == ()
+
+
+def test_one_piece_is_no_verdict_on_the_whole():
+    found = grown(Joined(), [0.0, 0.0, 0.0])
+    assert verdict(found, ["here"], TOLERANCE).kind == "not controllable"
+    said = verdict(found, ["here"], TOLERANCE, Reserve(pieces_of(Joined())))
+    assert said.kind == "undecided"
+    assert "says nothing of what lies beyond" in said.sentence
+
+
+@pytest.mark.parametrize(
+    ("bounds", "kind", "words"),
+    [
+        ({"v": (-1.0, 1.0), "w": (-1.0, 1.0)}, "controllable", "small-time locally controllable"),
+        ({"v": (0.0, 1.0)}, "accessible", "The bounds on v exclude going back"),
+        ({"v": (0.5, 1.0), "w": (-1.0, 1.0)}, "accessible", "exclude going back"),
+        ({"v": (1.0, 1.0)}, "undecided", "hold v at one value"),
+    ],
+)
+def test_bounds_that_exclude_going_back_limit_the_verdict(bounds, kind, words):
+    """A unicycle that only drives forwards is Dubins' car."""
+    system = system_class("unicycle")()
+    found = grown(system, np.zeros(3))
+    said = verdict(found, ["here"], TOLERANCE, reserve(system, **bounds))
+    assert said.kind == kind
+    assert words in said.sentence
 
 
 def test_a_narrow_gap_is_called_doubtful():

@@ -226,14 +226,20 @@ def test_a_file_that_is_no_library_is_ignored(numbers, cache, caplog, quick):
     assert "cannot be loaded" in caplog.text
 
 
+RIGHT_LANES = "copy(M * L, u + nodes[3 * k + i] * M * L, u3"
+WRONG_LANES = (
+    "u3[M * L - 1 + i * M * L] = 0.0, copy(M * L - 1, u + nodes[3 * k + i] * M * L + 1, u3"  # another lane's
+)
+
+
 @needs_compiler
 @pytest.mark.parametrize(
     ("numbers", "module", "right", "wrong"),
     [
         (sweep, kernel_source, "now = before", "now = before, *now += 1e-3"),
-        (ends, bundle_source, "found[j] += value", "found[j] += 1.001 * value"),
+        (ends, bundle_source, "at[j] += g[i * M * L + j]", "at[j] += 1.001 * g[i * M * L + j]"),
         (ends, bundle_source, "(i + 1) / 2", "i / 2"),
-        (ends, bundle_source, "sum += table", "sum += l * table"),
+        (ends, bundle_source, RIGHT_LANES, WRONG_LANES),
         (shots, shot_source, "to[l][place] = values[i * L + l]", "to[l][place] = 1.0"),
         (shots, shot_source, "*q[l] = closed[l]", "*q[l] = closed[l] + 1e-3"),
         (shots, shot_source, "dw[d * L + l] = 1.0", "dw[d * L + l] = 1.001"),
@@ -387,7 +393,7 @@ def test_auto_leaves_bundles_to_sweeps_until_their_kernel_is_there(cache, monkey
 def test_a_bundle_kernel_is_tried_on_controls_that_differ(cache, caplog, monkeypatch, quick):
     made, problem = bundle_source.c_source, paper_problem()
     monkeypatch.setattr(
-        bundle_source, "c_source", lambda scheme: made(scheme).replace("sum += table", "sum += l * table")
+        bundle_source, "c_source", lambda scheme: made(scheme).replace(RIGHT_LANES, WRONG_LANES)
     )
     flow = RungeKutta4(13, Compiled()).flow(dynamics(problem.system), problem.basis, 1.0)
     flow.ends(problem.start_point, 0.0 * many(problem, 1), differentiated=False)

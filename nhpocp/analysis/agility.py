@@ -19,8 +19,9 @@ from nhpocp.analysis.growth import Scales
 from nhpocp.analysis.spectrum import Spectrum
 from nhpocp.arrays import Array
 from nhpocp.controls.control import Control
-from nhpocp.flow.end_point_map import VariationalEndPointMap
-from nhpocp.flow.integrators import RungeKutta4
+from nhpocp.flow.end_point_map import DifferentiatedEndPointMap
+from nhpocp.flow.integrators import RungeKutta4, resolving
+from nhpocp.flow.variational import gram_matrix
 from nhpocp.systems.system import System
 
 STEPS = 200  # of RK4: errors of the Jacobian below 1e-8 on the paper's robot
@@ -105,9 +106,12 @@ def end_point_analysis(
 ) -> EndPointAnalysis | None:
     """The Jacobian over the control's basis and the Gram matrix; None where the path is not finite."""
     scales = Scales(length, control.horizon)
-    the_map = VariationalEndPointMap(system, control.basis, control.horizon, start, RungeKutta4(STEPS))
+    asked = system, control.basis, control.horizon
+    integrator = resolving(RungeKutta4(STEPS), control.basis)
+    the_map = DifferentiatedEndPointMap(*asked, start, integrator)
     with np.errstate(over="ignore", invalid="ignore"):
-        jacobian, gram = the_map(control.coefficients).jacobian, the_map.gram(control.coefficients)
+        jacobian = the_map(control.coefficients).jacobian
+        gram = gram_matrix(*asked, integrator, start, control.coefficients)
     if not (np.isfinite(jacobian).all() and np.isfinite(gram).all()):
         return None
     rows = scales.rows(system)

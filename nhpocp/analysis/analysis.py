@@ -11,7 +11,7 @@ import numpy as np
 from nhpocp.analysis.agility import Ellipsoid, EndPointAnalysis, end_point_analysis, velocities
 from nhpocp.analysis.growth import Fields, Filtration, Growth, Scales, filtration, rank_losses
 from nhpocp.analysis.slices import SingularityMap, Span, livelier, singularity_map
-from nhpocp.analysis.verdict import Controllability, verdict
+from nhpocp.analysis.verdict import Controllability, Reserve, verdict
 from nhpocp.arrays import Array
 from nhpocp.controls.control import Control
 from nhpocp.errors import InvalidProblemError
@@ -179,7 +179,7 @@ def analyze(
         problem,
         tolerance,
         grown,
-        verdict(grown, [*states, *(f"t = {t:.4g}" for t in times)], tolerance),
+        verdict(grown, [*states, *(f"t = {t:.4g}" for t in times)], tolerance, Reserve.of(problem)),
         found,
         path,
         end_point,

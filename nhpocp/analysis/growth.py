@@ -5,8 +5,10 @@ the Lie algebra rank condition (LARC) holds at x, and the least such k is the de
 Without drift it makes the system controllable near x, [Chow]; with drift it makes it accessible: what it reaches has
 inner points, [Sussmann, Jurdjevic].
 
-Rows are divided by the mechanism's length where they are lengths, inputs count in the same length or in radians over
-the horizon, and all fields are divided by the largest singular value of Δ¹, so that ranks depend on no unit.
+Ranks depend on no unit: rows are divided by the mechanism's length where they are lengths, inputs count in the same
+length or in radians over the horizon, and then each row and each bracket is divided by its own size over states near by
+(`Balance`). A bracket that is small everywhere is one in other units; one that is small at a single state, against
+its size around it, is degenerate there. One that is nowhere larger than the rounding of its evaluation is zero.
 """
 
 from __future__ import annotations
@@ -29,6 +31,9 @@ GENERIC = 5  # seeded points around the first one, which say how far the ranks c
 SINGULAR = 1e-9  # σ_min of a matrix that the equations divide by, at and below which they have no value
 SAME_TIME = 1e-7  # shares of a path that are nearer are one
 SPREAD = 0.2  # of those points: lengths of the mechanism, and radians
+JITTER = 2.0**-48  # relative change of a state, some units of rounding
+ROUNDING = 2.0**10  # times what the jitter changes: a number that is no larger is rounding
+ROUNDS = 20  # of dividing rows and columns by their sizes in turn
 
 
 @dataclass(frozen=True)
@@ -65,6 +70,11 @@ class Growth:
     def weakest(self) -> float | None:
         """The least singular value that counts in the last Δ^k, over its largest."""
         return self.spectra[-1].least_kept if self.spectra else None
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether another tolerance would find another rank at some degree."""
+        return any(spectrum.doubtful and spectrum.largest_dropped is not None for spectrum in self.spectra)
 
     def to_json(self) -> dict[str, Any]:
         return {
@@ -122,14 +132,34 @@ class Fields:
     def __init__(self, system: System, scales: Scales) -> None:
         self.system, self.scales, self.algebra = system, scales, LieAlgebra(system)
 
-    def at(self, points: Array, degree: int) -> list[Array]:
-        """Values (k, dimension, words) at points (k, size), an array for each degree up to ``degree``."""
+    def at(self, points: Array, degree: int) -> Array:
+        """Values (k, dimension, words) of the brackets up to a degree at points (k, size), balanced about each."""
+        near = self._near(points)  # (k, GENERIC, size)
+        signs = np.where(np.arange(near.shape[2]) % 2, 1.0, -1.0)
+        everywhere = [
+            points,
+            near.reshape(-1, near.shape[2]),
+            (near * (1.0 + JITTER * signs)).reshape(-1, near.shape[2]),
+        ]
+        values = self._raw(np.concatenate(everywhere), degree)
+        here, beside, moved = np.split(values, [len(points), len(points) * (1 + GENERIC)])
+        shape = len(points), GENERIC, *values.shape[1:]
+        rows, columns = balance(beside.reshape(shape), moved.reshape(shape))
+        return here * rows[:, :, None] * columns[:, None, :]
+
+    def _raw(self, points: Array, degree: int) -> Array:
+        """Values in units of the scales, (k, dimension, words)."""
         rows, generators = self.scales.rows(self.system), self.scales.generators(self.system)
         layers = self.algebra.layers[:degree]
         values = [layer.at(points) * rows[:, None] * factors(layer, generators) for layer in layers]
         values[0] = np.where(self._divisible(points)[:, None, None], values[0], np.nan)
-        sizes = _sizes(values[0])[:, None, None]
-        return [layer * sizes**k for k, layer in enumerate(values, 1)]
+        return np.concatenate(values, axis=2)
+
+    def _near(self, points: Array) -> Array:
+        """Seeded states around each point, the same for all, (k, GENERIC, size)."""
+        steps = offsets(self.system, self.scales)
+        retract = self.system.state_space.retract
+        return np.array([[retract(point, step) for step in steps] for point in points])
 
     def _divisible(self, points: Array) -> Array:
         """Whether the matrices that the equations divide by are regular; else rounding makes numbers of anything."""
@@ -143,7 +173,7 @@ class Fields:
     def margin(self, points: Array, degree: int, rank: int) -> Array:
         """σ_rank/σ_1 of the brackets up to a degree at points (k, size), (k,); NaN where they are not finite."""
         found = np.full(len(points), np.nan)
-        values = np.concatenate(self.at(points, degree), axis=2)
+        values = self.at(points, degree)
         good = np.isfinite(values).all(axis=(1, 2))
         if rank and good.any():
             spectra = np.linalg.svd(values[good], compute_uv=False)
@@ -158,13 +188,15 @@ def filtration(fields: Fields, points: Array, tolerance: float, limit: int) -> F
     So seeded points near by, the generic ones, tell when to stop.
     """
     algebra, dimension, count = fields.algebra, fields.system.state_space.dimension, len(points)
-    everywhere = np.vstack([points, _near(fields.system, points[0], fields.scales)])
+    retract = fields.system.state_space.retract
+    generic = [retract(points[0], step) for step in offsets(fields.system, fields.scales)]
+    everywhere = np.vstack([points, generic])
     spectra: list[list[Spectrum]] = []
     weak: list[list[int]] = []  # ranks without the drift itself, which may take longer
     settled, refused = False, None
     while True:
         degree = len(spectra) + 1
-        values = np.concatenate(fields.at(everywhere, degree), axis=2)
+        values = fields.at(everywhere, degree)
         spectra.append([_spectrum(matrix, tolerance) for matrix in values])
         weak.append([_spectrum(matrix[:, algebra.drifting :], tolerance).rank for matrix in values])
         finite = np.isfinite(values[:count]).all(axis=(1, 2))
@@ -215,16 +247,32 @@ def rank_losses(
     return np.asarray(where[(least <= tolerance) & new])
 
 
-def _near(system: System, point: Array, scales: Scales) -> Array:
+def offsets(system: System, scales: Scales) -> Array:
+    """Seeded tangent vectors, (GENERIC, dimension), to states near by at which nothing is special."""
     space, random = system.state_space, np.random.default_rng(0)
-    steps = SPREAD * random.standard_normal((GENERIC, space.dimension)) * scales.units(space.tangent_units)
-    return np.array([space.retract(point, step) for step in steps])
+    return SPREAD * random.standard_normal((GENERIC, space.dimension)) * scales.units(space.tangent_units)
 
 
-def _sizes(generators: Array) -> Array:
-    """1 over the largest singular value of each point's generators."""
-    largest = [_spectrum(matrix, 0.0).largest for matrix in generators]
-    return np.array([1.0 / value if value > 0 else 1.0 for value in largest])
+def balance(values: Array, moved: Array) -> tuple[Array, Array]:
+    """Factors of rows (k, dimension) and columns (k, words) that make the geometric mean in each 1, zeros left out.
+
+    They undo whatever units rows and columns are in, for the logarithms' least squares are the same in all.
+
+    values, moved: brackets at states around k points, (k, states, dimension, words), and after a jitter of those
+    states. What the jitter changes by its own size is rounding: a column of such numbers gets the factor 0.
+    """
+    with np.errstate(invalid="ignore"):
+        noise = ROUNDING * np.nan_to_num(np.abs(moved - values)).max(axis=1)
+    sizes = np.nan_to_num(np.abs(values), posinf=0.0).max(axis=1)
+    sizes = np.where(sizes > noise, sizes, 0.0)
+    there = sizes > 0
+    logs = np.log(np.where(there, sizes, 1.0))
+    in_row, in_column = (np.maximum(there.sum(axis=axis), 1) for axis in (2, 1))
+    rows, columns = np.zeros(sizes.shape[:2]), np.zeros((len(sizes), sizes.shape[2]))
+    for _ in range(ROUNDS):
+        columns = -np.where(there, logs + rows[:, :, None], 0.0).sum(axis=1) / in_column
+        rows = -np.where(there, logs + columns[:, None, :], 0.0).sum(axis=2) / in_row
+    return np.exp(rows), np.where(there.any(axis=1), np.exp(columns), 0.0)
 
 
 def _spectrum(matrix: Array, tolerance: float) -> Spectrum:

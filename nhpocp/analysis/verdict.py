@@ -6,7 +6,28 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
+import casadi as ca
+import numpy as np
+
 from nhpocp.analysis.growth import Filtration
+from nhpocp.problem import PlanningProblem
+from nhpocp.systems.system import System
+
+# operations that join pieces of functions, at which brackets say nothing of what lies beyond
+PIECES = {
+    getattr(ca, f"OP_{name}"): word
+    for name, word in {
+        "FABS": "|·|",
+        "SIGN": "sign",
+        "FMIN": "min",
+        "FMAX": "max",
+        "FLOOR": "floor",
+        "CEIL": "ceil",
+        "FMOD": "remainder",
+        "COPYSIGN": "copysign",
+        "IF_ELSE_ZERO": "if",
+    }.items()
+}
 
 Kind = Literal["controllable", "strongly accessible", "accessible", "not controllable", "undecided"]
 
@@ -23,13 +44,82 @@ class Controllability:
         return {"verdict": self.kind, "sentence": self.sentence, "larc_fails_at": list(self.failing)}
 
 
-def verdict(found: Filtration, names: Sequence[str], tolerance: float) -> Controllability:
-    """The verdict on points of these names. Sources: `growth`."""
+@dataclass(frozen=True)
+class Reserve:
+    """What the brackets do not know of a problem, and the verdict hence does not cover."""
+
+    pieces: tuple[str, ...] = ()  # of which the fields are joined: words of `PIECES`
+    one_way: tuple[str, ...] = ()  # inputs whose bounds do not let them change their sign
+    held: tuple[str, ...] = ()  # inputs whose bounds leave them one value
+
+    @classmethod
+    def of(cls, problem: PlanningProblem) -> Reserve:
+        one_way, held = [], []
+        for bound in problem.bounds:
+            blocks = [b for b in problem.system.input_space.blocks if b.name == bound.quantity]
+            for index in np.ndindex(*blocks[0].shape) if blocks else ():
+                low, high = bound.limits(tuple(index))
+                label = bound.quantity + "".join(f"[{i}]" for i in index)
+                if not low < high:
+                    held.append(label)
+                elif not low < 0 < high:
+                    one_way.append(label)
+        return cls(pieces_of(problem.system), tuple(one_way), tuple(held))
+
+    def qualified(self, said: Controllability) -> Controllability:
+        """A verdict with its limits, and no more than they allow."""
+        kind, words = said.kind, [said.sentence]
+        if self.pieces:
+            words.append(
+                f"The fields are joined of pieces ({', '.join(self.pieces)}), which need not be analytic: this holds "
+                "on the piece of each state, and says nothing of what lies beyond its edge."
+            )
+            kind = "undecided" if kind == "not controllable" else kind
+        if self.held:
+            words.append(
+                f"The bounds hold {', '.join(self.held)} at one value, which the brackets do not know."
+            )
+            kind = "undecided"
+        elif self.one_way:
+            words.append(
+                f"The bounds on {', '.join(self.one_way)} exclude going back, which Chow's theorem needs: what can be "
+                "reached has inner points, and no more is said."
+            )
+            kind = "accessible" if kind == "controllable" else kind
+        return Controllability(kind, " ".join(words), said.failing)
+
+
+def pieces_of(system: System) -> tuple[str, ...]:
+    """The operations in a system's equations that are not analytic everywhere."""
+    x = ca.SX.sym("x", system.state_space.size)
+    fields = [ca.SX(system.vector_fields(x))] + ([] if system.driftless else [ca.SX(system.drift(x))])
+    function = ca.Function("fields", [x], fields)
+    used = {function.instruction_id(k) for k in range(function.n_instructions())}
+    return tuple(word for operation, word in PIECES.items() if operation in used)
+
+
+def verdict(
+    found: Filtration, names: Sequence[str], tolerance: float, reserve: Reserve | None = None
+) -> Controllability:
+    """The verdict on points of these names, with its reserve. Sources: `growth`."""
+    said = _verdict(found, names, tolerance)
+    return reserve.qualified(said) if reserve else said
+
+
+def _verdict(found: Filtration, names: Sequence[str], tolerance: float) -> Controllability:
     failing = tuple(name for name, growth in zip(names, found.points, strict=True) if not growth.full)
     dimension = found.generic.dimension
     where = f"at each of the {len(names)} states looked at (relative tolerance {tolerance:g})"
     if not failing:
         return _holds(found, where)
+    if found.settled and found.generic.spectra and not found.generic.full and found.generic.doubtful:
+        gap = found.generic.spectra[-1]
+        return Controllability(
+            "undecided",
+            f"The brackets seem to span {found.generic.rank} of {dimension} dimensions, but not by a clear margin: "
+            f"σ/σ₁ falls to {gap.least_kept:.2g}, then {gap.largest_dropped:.2g} (relative tolerance {tolerance:g}).",
+            failing,
+        )
     if found.settled and found.generic.spectra and not found.generic.full:
         leaf = f"{found.generic.rank}-dimensional sets in {dimension} dimensions"
         return Controllability(

@@ -56,6 +56,12 @@ def status(arguments: Sequence[str]) -> int:
     except (click.Abort, KeyboardInterrupt) as error:
         say(BY_HAND)
         return _answer(as_json, error_data(error, message=BY_HAND), NOT_SOLVED)
+    except MemoryError as error:
+        if debug:
+            raise
+        message = f"out of memory: {error}" if str(error) else "out of memory"
+        say(message)
+        return _answer(as_json, error_data(error, message=message), NOT_SOLVED)
     except NhpocpError as error:
         if debug:
             raise

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any, ClassVar, Literal, Protocol, Self
 
 from nhpocp.arrays import Array
+from nhpocp.controls.table import Gram, Table
 
 Side = Literal["right", "left"]
 
@@ -39,6 +40,10 @@ class ControlBasis(Protocol):
         """φ at many times (NumPy, (k,) → (k, size)); at a breakpoint the limit from the given side."""
         ...
 
+    def local_table(self, times: Array, horizon: float, side: Side = "right") -> Table:
+        """The same, but for the zeros; override it where few of many functions are not zero at one time."""
+        return Table(self.table(times, horizon, side), self.size)
+
     def derivative_table(self, times: Array, horizon: float, side: Side = "right") -> Array:
         """dφ/dt at many times, (k, size), exactly; at a breakpoint the limit from the given side."""
         ...
@@ -47,13 +52,18 @@ class ControlBasis(Protocol):
         """∫₀ᵗ φ dt at many times, (k, size), exactly."""
         ...
 
-    def gram(self, horizon: float) -> Array:
+    def gram(self, horizon: float) -> Gram | Array:
         """∫₀ᵀ φ φᵀ dt, size × size."""
         ...
 
     def breakpoints(self, horizon: float) -> Array:
         """Times inside (0, T) where φ is not smooth."""
         ...
+
+    @property
+    def oscillations(self) -> float:
+        """Periods of the fastest function over the horizon, 0 where breakpoints tell all; 0 unless overridden."""
+        return 0.0
 
     def parameters(self) -> dict[str, Any]:
         """Plain data from which ``type(self)(**parameters)`` builds the same basis."""

@@ -11,6 +11,7 @@ import numpy as np
 from nhpocp.arrays import Array, namespace
 from nhpocp.controls.basis import ControlBasis, Side
 from nhpocp.controls.piecewise_constant import PiecewiseConstant
+from nhpocp.controls.table import Gram, Table
 from nhpocp.errors import InvalidProblemError
 
 
@@ -63,14 +64,12 @@ class BSpline(ControlBasis):
         )
 
     def table(self, times: Array, horizon: float, side: Side = "right") -> Array:
-        steps = self._steps.table(times, horizon, side)
-        place, share = steps.argmax(axis=1), np.asarray(times, dtype=float) / horizon
-        table = np.zeros((len(share), self.size))
+        return self.local_table(times, horizon, side).dense()
+
+    def local_table(self, times: Array, horizon: float, side: Side = "right") -> Table:
         # the degree + 1 functions that are not 0 on an interval begin with the one of its number
-        table[np.arange(len(share))[:, None], place[:, None] + np.arange(self.degree + 1)] = self._local(
-            share, place
-        )
-        return table
+        place = np.asarray(self._steps.local_table(times, horizon, side).first)
+        return Table(self._local(np.asarray(times, dtype=float) / horizon, place), self.size, place)
 
     def _local(self, share: Array, place: Array) -> Array:
         """The functions that are not 0 on the intervals ``place`` (k,), at shares of the horizon, (k, degree + 1)."""
@@ -100,12 +99,17 @@ class BSpline(ControlBasis):
         # ∫ B_i is its mass times the sum of the later functions of one degree more
         return np.cumsum(upper[:, :0:-1], axis=1)[:, ::-1] * masses
 
-    def gram(self, horizon: float) -> Array:
+    def gram(self, horizon: float) -> Gram:
         nodes, weights = np.polynomial.legendre.leggauss(self.degree + 1)  # exact for products
-        starts = np.arange(self.intervals)[:, None]
-        table = self.table(((starts + 0.5 * (nodes + 1.0)) / self.intervals).ravel(), 1.0)
-        shares = np.tile(0.5 * weights / self.intervals, self.intervals)
-        return horizon * table.T @ (shares[:, None] * table)
+        starts, width = np.arange(self.intervals)[:, None], self.degree + 1
+        values = self.local_table(((starts + 0.5 * (nodes + 1.0)) / self.intervals).ravel(), 1.0).values
+        values = values.reshape(self.intervals, len(nodes), width)
+        products = np.einsum("inf,n,ing->ifg", values, 0.5 * horizon / self.intervals * weights, values)
+        bands = np.zeros((width, self.size))
+        for f in range(width):
+            for d in range(width - f):
+                bands[d, f : f + self.intervals] += products[:, f, f + d]
+        return Gram(bands)
 
     def breakpoints(self, horizon: float) -> Array:
         return self._steps.breakpoints(horizon)

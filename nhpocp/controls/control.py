@@ -9,6 +9,8 @@ import numpy as np
 
 from nhpocp.arrays import Array
 from nhpocp.controls.basis import ControlBasis, Side
+from nhpocp.controls.samples import Samples
+from nhpocp.controls.table import Gram
 from nhpocp.errors import InvalidProblemError
 
 
@@ -32,7 +34,8 @@ class Control:
 
     def __call__(self, times: Array, side: Side = "right") -> Array:
         """Values at times (k,) → (k, inputs)."""
-        return self.basis.table(np.atleast_1d(times), self.horizon, side) @ self.coefficients.T
+        times = np.atleast_1d(times)
+        return Samples(self.basis, self.horizon, times, side == "left").controls(self.coefficients)
 
     def derivative(self, times: Array, side: Side = "right") -> Array:
         """du/dt at times (k,) → (k, inputs); a jump has none."""
@@ -45,9 +48,8 @@ class Control:
     @property
     def effort(self) -> float:
         """∫₀ᵀ |u|² dt, exactly, from the Gram matrix."""
-        return float(
-            np.einsum("ij,jk,ik->", self.coefficients, self.basis.gram(self.horizon), self.coefficients)
-        )
+        image = Gram.of(self.basis.gram(self.horizon)) @ self.coefficients.T
+        return float(np.sum(self.coefficients.T * image))
 
     @property
     def breakpoints(self) -> Array:

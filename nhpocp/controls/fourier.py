@@ -11,6 +11,7 @@ import numpy as np
 
 from nhpocp.arrays import Array, namespace
 from nhpocp.controls.basis import ControlBasis, Side
+from nhpocp.controls.table import Gram
 
 
 @dataclass(frozen=True)
@@ -56,8 +57,12 @@ class Fourier(ControlBasis):
     def _rates(self, horizon: float) -> Array:
         return 2 * np.pi / horizon * np.arange(1, self.harmonics + 1)
 
-    def gram(self, horizon: float) -> Array:
-        return np.diag([horizon] + [0.5 * horizon] * (2 * self.harmonics))
+    def gram(self, horizon: float) -> Gram:
+        return Gram(np.array([[horizon] + [0.5 * horizon] * (2 * self.harmonics)]))
+
+    @property
+    def oscillations(self) -> float:
+        return float(self.harmonics)
 
     def breakpoints(self, horizon: float) -> Array:
         return np.empty(0)

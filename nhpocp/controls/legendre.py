@@ -10,6 +10,7 @@ import numpy as np
 
 from nhpocp.arrays import Array, namespace
 from nhpocp.controls.basis import ControlBasis, Side
+from nhpocp.controls.table import Gram
 
 
 @dataclass(frozen=True)
@@ -54,8 +55,12 @@ class Legendre(ControlBasis):
             parts[[k - 1, k + 1], k] = np.array([-1.0, 1.0]) / (2 * k + 1)
         return 0.5 * horizon * Legendre(self.degree + 1).table(times, horizon) @ parts
 
-    def gram(self, horizon: float) -> Array:
-        return np.diag(horizon / (2.0 * np.arange(self.size) + 1.0))
+    def gram(self, horizon: float) -> Gram:
+        return Gram(horizon / (2.0 * np.arange(self.size)[None] + 1.0))
+
+    @property
+    def oscillations(self) -> float:
+        return 0.5 * self.degree
 
     def breakpoints(self, horizon: float) -> Array:
         return np.empty(0)

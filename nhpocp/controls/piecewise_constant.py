@@ -10,6 +10,7 @@ import numpy as np
 
 from nhpocp.arrays import Array, namespace
 from nhpocp.controls.basis import ControlBasis, Side
+from nhpocp.controls.table import Gram, Table
 from nhpocp.errors import InvalidProblemError
 
 
@@ -34,14 +35,15 @@ class PiecewiseConstant(ControlBasis):
         return xp.vector([a - b for a, b in zip([1.0, *ahead], [*ahead, 0.0], strict=True)])
 
     def table(self, times: Array, horizon: float, side: Side = "right") -> Array:
+        return self.local_table(times, horizon, side).dense()
+
+    def local_table(self, times: Array, horizon: float, side: Side = "right") -> Table:
         share = np.asarray(times, dtype=float) * self.intervals / horizon
         nearest = np.rint(share)
         share = np.where(np.abs(share - nearest) < 1e-9, nearest, share)  # a breakpoint up to rounding
         place = np.floor(share) if side == "right" else np.ceil(share) - 1
         place = np.clip(place, 0, self.intervals - 1).astype(int)
-        table = np.zeros((len(share), self.intervals))
-        table[np.arange(len(share)), place] = 1.0
-        return table
+        return Table(np.ones((len(share), 1)), self.intervals, place)
 
     def derivative_table(self, times: Array, horizon: float, side: Side = "right") -> Array:
         return np.zeros((len(times), self.intervals))
@@ -50,8 +52,8 @@ class PiecewiseConstant(ControlBasis):
         passed = np.subtract.outer(np.asarray(times) * self.intervals / horizon, np.arange(self.intervals))
         return np.clip(passed, 0.0, 1.0) * horizon / self.intervals
 
-    def gram(self, horizon: float) -> Array:
-        return np.eye(self.intervals) * horizon / self.intervals
+    def gram(self, horizon: float) -> Gram:
+        return Gram(np.full((1, self.intervals), horizon / self.intervals))
 
     def breakpoints(self, horizon: float) -> Array:
         return np.linspace(0.0, horizon, self.intervals + 1)[1:-1]

@@ -6,6 +6,8 @@ import numpy as np
 
 from nhpocp.controls.basis import ControlBasis
 from nhpocp.controls.control import Control
+from nhpocp.controls.samples import Samples
+from nhpocp.controls.table import Gram
 
 POINTS = 8  # Gauss-Legendre nodes per smooth piece: exact to degree 15
 
@@ -21,5 +23,5 @@ def project(control: Control, basis: ControlBasis) -> Control:
     middles, halves = 0.5 * (knots[1:] + knots[:-1]), 0.5 * np.diff(knots)
     times = (middles[:, None] + halves[:, None] * nodes).ravel()
     shares = (halves[:, None] * weights).ravel()
-    moments = np.einsum("k,ki,kj->ij", shares, control(times), basis.table(times, horizon))
-    return Control(basis, np.linalg.solve(basis.gram(horizon), moments.T).T, horizon)
+    moments = Samples(basis, horizon, times).transposed(shares[:, None] * control(times))
+    return Control(basis, Gram.of(basis.gram(horizon)).solve(moments).T, horizon)

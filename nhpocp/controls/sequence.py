@@ -16,6 +16,7 @@ from nhpocp.controls.control import Control
 from nhpocp.controls.fourier import Fourier
 from nhpocp.controls.legendre import Legendre
 from nhpocp.controls.piecewise_constant import PiecewiseConstant
+from nhpocp.controls.table import Gram, Table
 
 PIECES: dict[str, type[Any]] = {
     basis.kind: basis for basis in (Fourier, Legendre, BSpline, PiecewiseConstant)
@@ -54,6 +55,41 @@ class SequenceBasis(ControlBasis):
     def table(self, times: Array, horizon: float, side: Side = "right") -> Array:
         return self._by_piece(lambda basis, t, duration: basis.table(t, duration, side), times, horizon, side)
 
+    def local_table(self, times: Array, horizon: float, side: Side = "right") -> Table:
+        times, place, knots = self._placed(times, horizon, side)
+        parts = [
+            (mine, first, basis.local_table(times[mine] - knots[i], knots[i + 1] - knots[i], side))
+            for i, (basis, first) in enumerate(zip(self.bases, self._firsts, strict=True))
+            if (mine := place == i).any()
+        ]
+        width = self._width
+        values, columns = np.zeros((len(times), width)), np.zeros(len(times), dtype=int)
+        for mine, first, table in parts:
+            own = first + (0 if table.first is None else table.first)
+            columns[mine] = np.minimum(own, self.size - width)
+            shifted = (own - columns[mine])[:, None] + np.arange(table.values.shape[1])
+            rows = np.flatnonzero(mine)[:, None]
+            values[rows, shifted] = table.values
+        return Table(values, self.size, columns)
+
+    @property
+    def _width(self) -> int:
+        """The most functions that are not zero at one time."""
+        return max(basis.local_table(np.zeros(1), 1.0).values.shape[1] for basis in self.bases)
+
+    @property
+    def _firsts(self) -> list[int]:
+        """The place of each piece's first function."""
+        return list(accumulate((basis.size for basis in self.bases[:-1]), initial=0))
+
+    def _placed(self, times: Array, horizon: float, side: Side) -> tuple[Array, Array, Array]:
+        """Times, those next to a knot put on it, the piece that is on at each, and the knots."""
+        times, knots = np.asarray(times, dtype=float), self.knots(horizon)
+        nearest = knots[np.abs(times[:, None] - knots).argmin(axis=1)]
+        times = np.where(np.abs(times - nearest) < 1e-9 * horizon, nearest, times)
+        place = np.searchsorted(knots, times, side="right" if side == "right" else "left") - 1
+        return times, np.clip(place, 0, len(self.bases) - 1), knots
+
     def derivative_table(self, times: Array, horizon: float, side: Side = "right") -> Array:
         return self._by_piece(
             lambda basis, t, duration: basis.derivative_table(t, duration, side), times, horizon, side
@@ -63,17 +99,12 @@ class SequenceBasis(ControlBasis):
         self, part: Callable[[ControlBasis, Array, float], Array], times: Array, horizon: float, side: Side
     ) -> Array:
         """A table whose rows the piece fills that is on at the time; the other pieces' functions are 0 there."""
-        times, knots = np.asarray(times, dtype=float), self.knots(horizon)
-        nearest = knots[np.abs(times[:, None] - knots).argmin(axis=1)]
-        times = np.where(np.abs(times - nearest) < 1e-9 * horizon, nearest, times)
-        place = np.searchsorted(knots, times, side="right" if side == "right" else "left") - 1
-        place = np.clip(place, 0, len(self.bases) - 1)
-        table, first = np.zeros((len(times), self.size)), 0
-        for i, basis in enumerate(self.bases):
+        times, place, knots = self._placed(times, horizon, side)
+        table = np.zeros((len(times), self.size))
+        for i, (basis, first) in enumerate(zip(self.bases, self._firsts, strict=True)):
             mine = place == i
             columns = slice(first, first + basis.size)
             table[mine, columns] = part(basis, times[mine] - knots[i], knots[i + 1] - knots[i])
-            first += basis.size
         return table
 
     def integral_table(self, times: Array, horizon: float) -> Array:
@@ -83,13 +114,15 @@ class SequenceBasis(ControlBasis):
             [b.integral_table(np.clip(times - first, 0.0, span), span) for b, first, span in spans]
         )
 
-    def gram(self, horizon: float) -> Array:
-        gram, first = np.zeros((self.size, self.size)), 0
-        for basis, share in zip(self.bases, self.shares, strict=True):
-            part = slice(first, first + basis.size)
-            gram[part, part] = basis.gram(share * horizon)
-            first += basis.size
-        return gram
+    def gram(self, horizon: float) -> Gram:
+        parts = zip(self.bases, self.shares, strict=True)
+        grams = [Gram.of(basis.gram(share * horizon)).bands for basis, share in parts]
+        most = max(len(bands) for bands in grams)
+        return Gram(np.hstack([np.pad(bands, ((0, most - len(bands)), (0, 0))) for bands in grams]))
+
+    @property
+    def oscillations(self) -> float:
+        return max(basis.oscillations / share for basis, share in zip(self.bases, self.shares, strict=True))
 
     def breakpoints(self, horizon: float) -> Array:
         knots = self.knots(horizon)

@@ -27,25 +27,35 @@ class BundleKernel:
         self._bundle = library.nhpocp_bundle
         self._bundle.restype = None
         self._bundle.argtypes = [
-            ctypes.c_longlong if kind == "i" else ctypes.c_void_p for kind in "ippiippippppp"
+            ctypes.c_longlong if kind == "i" else ctypes.c_void_p for kind in "ippipippppp"
         ]
         self._scheme, self._work = scheme, np.zeros(0)
 
     def bundled(self, bundle: Bundle) -> Ends:
         """As `Kernels.bundled`."""
         scheme, grid, (number, inputs, size) = self._scheme, bundle.grid, bundle.coefficients.shape
-        steps, count, groups = len(grid.h), len(grid.table), -(-number // LANES)
+        steps, count, groups = len(grid.h), len(grid.samples), -(-number // LANES)
         lanes = np.arange(groups * LANES)
-        coefficients = np.ascontiguousarray(bundle.coefficients, dtype=float).take(lanes, axis=0, mode="wrap")
+        coefficients = np.asarray(bundle.coefficients, dtype=float).take(lanes, axis=0, mode="wrap")
+        controls = grid.samples.controls(coefficients.reshape(-1, size))
+        controls = controls.reshape(count, groups, LANES, inputs).transpose(1, 0, 3, 2)
         ends = np.empty((groups, scheme.size, LANES))
         more = groups * bundle.differentiated
         watched = np.empty((more, steps + 1, scheme.watches, LANES))
-        derivatives = np.empty((more, size, scheme.rows, inputs, LANES))
-        start, work = np.array(bundle.start, dtype=float), self._room(steps, count)
-        arrays = grid.h, grid.nodes, grid.table, start, coefficients, work, ends, watched, derivatives
-        h, nodes, table, *others = map(address, arrays)
-        self._bundle(steps, h, nodes, count, size, table, others[0], groups, *others[1:])
-        by_lane = (ends.swapaxes(1, 2), derivatives.transpose(0, 4, 2, 3, 1), watched.transpose(0, 3, 1, 2))
+        gathered = np.empty((more, count, scheme.rows, inputs, LANES))
+        start, work = np.array(bundle.start, dtype=float), self._room(steps)
+        arrays = grid.h, grid.nodes, start, np.ascontiguousarray(controls), work, ends, watched, gathered
+        h, nodes, *others = map(address, arrays)
+        self._bundle(steps, h, nodes, count, others[0], groups, *others[1:])
+        derivatives = [
+            grid.samples.transposed(part.reshape(count, scheme.rows * inputs * LANES)) for part in gathered
+        ]
+        shape = more, size, scheme.rows, inputs, LANES
+        by_lane = (
+            ends.swapaxes(1, 2),
+            np.reshape(derivatives, shape).transpose(0, 4, 2, 3, 1),
+            watched.transpose(0, 3, 1, 2),
+        )
         shapes = (scheme.size,), (scheme.rows, inputs * size), (steps + 1, scheme.watches)
         return Ends(
             *(
@@ -54,11 +64,10 @@ class BundleKernel:
             )
         )
 
-    def _room(self, steps: int, count: int) -> Array:
-        """Memory for so many steps and nodes."""
+    def _room(self, steps: int) -> Array:
+        """Memory for so many steps."""
         scheme = self._scheme
-        wanted = 4 * steps * scheme.size + count * scheme.inputs * (scheme.rows + 1)
-        wanted = LANES * (wanted + 3 * scheme.size * scheme.rows + 4 * scheme.entries)
+        wanted = LANES * (4 * steps * scheme.size + 3 * scheme.size * scheme.rows + 4 * scheme.entries)
         if self._work.size < wanted:
             self._work = np.zeros(wanted)
         return self._work

@@ -23,18 +23,8 @@ static void copy(long long size, const double *restrict a, double *restrict to) 
   for (long long j = 0; j < size; ++j) to[j] = a[j];
 }
 
-/* u at every node of L controls, coefficients L x M x size */
-static void controls(long long count, long long size, const double *table, const double *coefficients, double *u) {
-  for (long long q = 0; q < count; ++q)
-    for (int m = 0; m < M; ++m)
-      for (int l = 0; l < L; ++l) {
-        double sum = 0.0;
-        for (long long f = 0; f < size; ++f) sum += table[q * size + f] * coefficients[(l * M + m) * size + f];
-        u[(q * M + m) * L + l] = sum;
-      }
-}
-
-/* the wanted rows at y pulled back through all steps: what they gather at the nodes, count x R x M x L, zero before */
+/* the wanted rows at y pulled back through all steps: what they gather at the controls, count x R x M x L, zero
+   before */
 static void pull(long long steps, const double *h, const long long *nodes, const double *u, const double *points,
                  const double *y, double *gathered, double *work) {
   double *matrix = work, *tape = matrix + N * R * L, *now = tape + 4 * E * L, *before = now + R * N * L;
@@ -57,19 +47,18 @@ static void pull(long long steps, const double *h, const long long *nodes, const
   }
 }
 
-/* groups: of L controls each, coefficients groups x L x M x size, from one start. nodes: for each step, which rows of
-   the table of basis functions, count x size, stand at its start, middle and end. ends: groups x N x L; where wanted,
-   watched_at: groups x (steps + 1) x W x L, derivatives of the observed rows at the ends: groups x size x R x M x L.
-   work: (4 steps N + count M (R + 1) + 3 N R + 4 E) L doubles. */
+/* groups: of L controls each, u groups x count x M x L, from one start. nodes: for each step, which of the count stand
+   at its start, middle and end. ends: groups x N x L; where wanted, watched_at: groups x (steps + 1) x W x L, and
+   gathered, the derivatives of the observed rows at the ends by all controls: groups x count x R x M x L.
+   work: (4 steps N + 3 N R + 4 E) L doubles. */
 CASADI_SYMBOL_EXPORT void nhpocp_bundle(long long steps, const double *h, const long long *nodes, long long count,
-                                        long long size, const double *table, const double *start, long long groups,
-                                        const double *coefficients, double *work, double *ends, double *watched_at,
-                                        double *derivatives) {
-  double *points = work, *u = points + 4 * steps * N * L, *gathered = u + count * M * L;
+                                        const double *start, long long groups, const double *controls, double *work,
+                                        double *ends, double *watched_at, double *gathered) {
+  double *points = work, *more = points + 4 * steps * N * L;
   double y[2][N * L], u3[3 * M * L], hs[L];
   for (long long b = 0; b < groups; ++b) {
+    const double *u = controls + b * count * M * L;
     double *now = y[0], *next = y[1], *w = watched_at + b * (steps + 1) * W * L;
-    controls(count, size, table, coefficients + b * L * M * size, u);
     for (int j = 0; j < N * L; ++j) now[j] = start[j / L];
     if (watched_at) watched(now, w);
     for (long long k = 0; k < steps; ++k) {
@@ -80,17 +69,10 @@ CASADI_SYMBOL_EXPORT void nhpocp_bundle(long long steps, const double *h, const 
       if (watched_at) watched(now, w + (k + 1) * W * L);
     }
     copy(N * L, now, ends + b * N * L);
-    if (!derivatives) continue;
-    for (long long j = 0; j < count * R * M * L; ++j) gathered[j] = 0.0;
-    pull(steps, h, nodes, u, points, now, gathered, gathered + count * R * M * L);
-    for (long long f = 0; f < size; ++f) {
-      double *found = derivatives + (b * size + f) * R * M * L;
-      for (int j = 0; j < R * M * L; ++j) found[j] = 0.0;
-      for (long long q = 0; q < count; ++q) {
-        const double *at = gathered + q * R * M * L, value = table[q * size + f];
-        for (int j = 0; j < R * M * L; ++j) found[j] += value * at[j];
-      }
-    }
+    if (!gathered) continue;
+    double *at = gathered + b * count * R * M * L;
+    for (long long j = 0; j < count * R * M * L; ++j) at[j] = 0.0;
+    pull(steps, h, nodes, u, points, now, at, more);
   }
 }
 """

@@ -7,6 +7,7 @@ import numpy as np
 
 from nhpocp.arrays import Array
 from nhpocp.controls.basis import ControlBasis
+from nhpocp.controls.table import Gram
 from nhpocp.flow.dynamics import Dynamics
 from nhpocp.flow.integrators import Integrator
 from nhpocp.kept import kept
@@ -20,13 +21,13 @@ class EffortMap:
     """∫ |u|² dt = Σ λᵀ Gram λ, exactly."""
 
     def __init__(self, basis: ControlBasis, inputs: int, horizon: float) -> None:
-        self._gram = np.kron(np.eye(inputs), basis.gram(horizon))
+        self._gram, self._shape = Gram.of(basis.gram(horizon)), (inputs, basis.size)
 
     def __call__(self, coefficients: Array) -> tuple[float, Array]:
         """(cost, gradient (inputs · size,))."""
-        flat = np.ravel(coefficients)
-        image = self._gram @ flat
-        return float(flat @ image), 2.0 * image
+        by_input = np.reshape(coefficients, self._shape)
+        image = (self._gram @ by_input.T).T
+        return float(np.sum(by_input * image)), 2.0 * image.ravel()
 
 
 class QuadratureMap:

@@ -6,8 +6,9 @@ All are one kind of object: an `Integrator` makes a `Flow` for a right-hand side
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from math import ceil
 from typing import Any, ClassVar, Protocol
 
 import casadi as ca
@@ -16,10 +17,15 @@ import numpy as np
 from nhpocp.arrays import Array
 from nhpocp.calls import call, mapped
 from nhpocp.controls.basis import ControlBasis
+from nhpocp.controls.samples import Samples
 from nhpocp.errors import InvalidProblemError
 from nhpocp.flow.dynamics import Dynamics
 from nhpocp.flow.kernels import CompiledWhenReady, Kernels
 from nhpocp.flow.runge_kutta import Bundle, Ends, Grid, Scheme, Sweep, Swept, ends_of, scheme, walked
+from nhpocp.machine import afford
+
+WORTH_ASKING = 1e8  # bytes: asking the system for its free memory takes as long as a small sweep
+FEWEST, ENOUGH = 5.0, 10.0  # steps for each period of the fastest function of a basis
 
 
 class Flow(Protocol):
@@ -70,8 +76,29 @@ def uniform_grid(steps: int, breakpoints: Array, horizon: float) -> Array:
     """``steps`` equal steps, cut further at the breakpoints; a grid point beside a breakpoint gives way to it."""
     kept = np.concatenate([[0.0], np.asarray(breakpoints, dtype=float), [horizon]])
     grid = np.linspace(0.0, horizon, steps + 1)
-    apart = np.abs(grid[:, None] - kept).min(axis=1) > 1e-9 * horizon
-    return np.sort(np.concatenate([kept, grid[apart]]))
+    return np.sort(np.concatenate([kept, grid[~beside(grid, kept, horizon)]]))
+
+
+def resolving(integrator: Integrator, basis: ControlBasis) -> Integrator:
+    """An integrator whose fixed steps see every oscillation of a basis: with more steps, where its own are too few."""
+    if not isinstance(integrator, RungeKutta4 | CasadiRungeKutta):
+        return integrator
+    steps = enough_steps(integrator.steps, basis)
+    return integrator if steps == integrator.steps else replace(integrator, steps=steps)
+
+
+def enough_steps(steps: int, basis: ControlBasis) -> int:
+    """These, or with fewer than `FEWEST` a period, so that they are blind to the control, as many as it takes."""
+    return steps if steps >= FEWEST * basis.oscillations else ceil(ENOUGH * basis.oscillations)
+
+
+def beside(times: Array, others: Array, horizon: float) -> Array:
+    """Which times are one of the others, which rise, up to rounding."""
+    if not len(others):
+        return np.zeros(len(times), dtype=bool)
+    after = np.searchsorted(others, times)
+    near = [others[np.clip(place, 0, len(others) - 1)] for place in (after - 1, after)]
+    return np.asarray(np.abs(np.asarray(near) - times).min(axis=0) <= 1e-9 * horizon)
 
 
 @dataclass(frozen=True)
@@ -131,6 +158,9 @@ class RungeKuttaFlow:
 
     def sensitivity(self, start: Array, coefficients: Array, stops: Sequence[int] = (-1,)) -> Swept:
         functions = scheme(self._dynamics)
+        wanted = 16.0 * len(stops) * functions.rows * np.size(coefficients)
+        if wanted > WORTH_ASKING:
+            afford(wanted, f"the derivatives of {len(stops)} states by {np.size(coefficients)} coefficients")
         sweep = self._sweep(start, coefficients, [range(len(self.times))[stop] for stop in stops])
         if len(stops) * functions.rows > sweep.coefficients.size:
             return self._forwards(functions, sweep)
@@ -145,24 +175,20 @@ class RungeKuttaFlow:
         return Swept(path, derivatives, functions.watched_along(path))
 
 
-def _control_nodes(basis: ControlBasis, horizon: float, times: Array) -> tuple[Array, Array]:
-    """Places (steps, 3) of each step's three controls in a table of φ (nodes, size), and that table.
+def _control_nodes(basis: ControlBasis, horizon: float, times: Array) -> tuple[Array, Samples]:
+    """Places (steps, 3) of each step's three controls among samples of φ, and these samples.
 
     One-sided limits: a step never sees the control beyond a breakpoint at its ends. Where there is none, the end of a
-    step and the start of the next are one node.
+    step and the start of the next are one sample.
     """
-    starts, ends = times[:-1], times[1:]
-    tables = [
-        basis.table(starts, horizon, "right"),
-        basis.table(0.5 * (starts + ends), horizon),
-        basis.table(ends, horizon, "left"),
-    ]
-    shared = 2 if np.array_equal(tables[0][1:], tables[2][:-1]) else 3
-    nodes = shared * np.arange(len(starts))[:, None] + np.arange(3)
-    table = np.empty((nodes[-1, -1] + 1, basis.size))
-    for column, values in zip(nodes.T, tables, strict=True):
-        table[column] = values
-    return np.ascontiguousarray(nodes, dtype=np.int64), table
+    steps = len(times) - 1
+    broken = beside(times[1:-1], basis.breakpoints(horizon), horizon)
+    starts = 2 * np.arange(steps) + np.concatenate([[0], np.cumsum(broken)])
+    nodes = np.ascontiguousarray(starts[:, None] + np.arange(3), dtype=np.int64)
+    at, from_left = np.empty(nodes[-1, -1] + 1), np.zeros(nodes[-1, -1] + 1, dtype=bool)
+    at[nodes[:, 2]], at[nodes[:, 1]], at[nodes[:, 0]] = times[1:], 0.5 * (times[:-1] + times[1:]), times[:-1]
+    from_left[nodes[np.append(broken, True), 2]] = True
+    return nodes, Samples(basis, horizon, at, from_left)
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,6 @@ from nhpocp.flow.kernel_cache import NotCompilableError
 from nhpocp.flow.runge_kutta import Scheme
 
 LANES = 8  # samples side by side
-TILE = 4  # basis functions that are summed against at once
 
 _FUNCTION = re.compile(r"\nstatic int casadi_f\d+\(.*?\) \{\n(.*?)\n  return 0;\n\}", re.DOTALL)
 _INPUT = re.compile(r"arg\[(\d)\]\? arg\[\1\]\[(\d+)\] : 0")
@@ -36,7 +35,7 @@ static void {name}({declared}) {{
 """
 
 _LOOPS = r"""
-enum {{ N = {size}, M = {inputs}, R = {rows}, E = {entries}, L = {lanes}, LR = {row_lanes}, T = {tile} }};
+enum {{ N = {size}, M = {inputs}, R = {rows}, E = {entries}, L = {lanes}, LR = {row_lanes} }};
 
 /* compilers leave out what is called twice, and with it a third of the speed */
 #define INLINED static inline __attribute__((always_inline))
@@ -113,39 +112,17 @@ static void observe(const double *restrict y, double *restrict matrix) {{
 #undef Y0
 }}
 
-/* gradients summed against so many neighbouring basis functions */
-INLINED void against_basis(const int functions, long long count, long long size, const double *restrict table,
-                           const double *restrict gradients, double *restrict found) {{
-  double sums[T * R * M] = {{0.0}};
-  for (long long q = 0; q < count; ++q)
-    for (int f = 0; f < functions; ++f) {{
-      const double *at = gradients + q * R * M, value = table[q * size + f];
-#pragma omp simd
-      for (int j = 0; j < R * M; ++j) sums[f * R * M + j] += value * at[j];
-    }}
-  for (int j = 0; j < functions * R * M; ++j) found[j] = sums[j];
-}}
-
-/* y: steps + 1 states, the first given. nodes: for each step, which rows of the table of basis functions, count x size,
-   stand at its start, middle and end. derivatives: for each stop, those of the observed rows there by the coefficients,
-   stops x size x R x M; without stops none is worked out.
-   watched: the watched numbers at every state, with stops.
-   work: (N + M + E) L doubles for every L samples, 4 samples a step, and M (R + 1) a node. */
+/* y: steps + 1 states, the first given. nodes: for each step, which of the count controls u (count x M) stand at its
+   start, middle and end. gathered: for each stop, the derivatives of the observed rows there by all these controls,
+   stops x count x R x M; without stops none is worked out. watched: the watched numbers at every state, with stops.
+   work: (N + M + E) L doubles for every L samples, 4 samples a step. */
 CASADI_SYMBOL_EXPORT void nhpocp_sweep(long long steps, const double *h, const long long *nodes,
-                                       long long count, long long size, const double *table, const double *coefficients,
-                                       double *y, long long stops, const long long *stop,
-                                       double *work, double *derivatives, double *watched) {{
+                                       long long count, const double *u, double *y,
+                                       long long stops, const long long *stop,
+                                       double *work, double *gathered, double *watched) {{
   const long long blocks = (4 * steps + L - 1) / L;
   double *samples = work, *tape = samples + blocks * (N + M) * L;
-  double *u = tape + blocks * E * L, *gradients = u + count * M;
   double points[4 * N], matrix[R * N], c[2][N * LR], g[3 * M * LR];
-  for (long long q = 0; q < count; ++q)
-    for (int m = 0; m < M; ++m) {{
-      double sum = 0.0;
-#pragma omp simd reduction(+ : sum)
-      for (long long f = 0; f < size; ++f) sum += table[q * size + f] * coefficients[m * size + f];
-      u[q * M + m] = sum;
-    }}
   for (long long k = 0; k < steps; ++k) {{
     const double *const at[3] = {{u + M * nodes[3 * k], u + M * nodes[3 * k + 1], u + M * nodes[3 * k + 2]}};
     const double *const control[4] = {{at[0], at[1], at[1], at[2]}};
@@ -159,7 +136,7 @@ CASADI_SYMBOL_EXPORT void nhpocp_sweep(long long steps, const double *h, const l
   if (stops) watch(steps + 1, y, watched);
   for (long long b = 0; stops && b < blocks; ++b) slopes(samples + b * (N + M) * L, tape + b * E * L);
   for (long long s = 0; s < stops; ++s) {{
-    double *now = c[0], *before = c[1];
+    double *now = c[0], *before = c[1], *gradients = gathered + s * count * R * M;
     for (long long q = 0; q < count * R * M; ++q) gradients[q] = 0.0;
     observe(y + N * stop[s], matrix);
     for (int j = 0; j < N; ++j)
@@ -173,10 +150,6 @@ CASADI_SYMBOL_EXPORT void nhpocp_sweep(long long steps, const double *h, const l
           for (int j = 0; j < M; ++j) at[r * M + j] += g[(i * M + j) * LR + r];
       }}
     }}
-    double *found = derivatives + s * size * R * M;
-    long long f = 0;
-    for (; f + T <= size; f += T) against_basis(T, count, size, table + f, gradients, found + f * R * M);
-    for (; f < size; ++f) against_basis(1, count, size, table + f, gradients, found + f * R * M);
   }}
 }}
 """
@@ -202,7 +175,6 @@ def c_source(scheme: Scheme) -> str:
         entries=scheme.entries,
         lanes=LANES,
         row_lanes=_row_lanes(scheme.rows),
-        tile=TILE,
         watches=scheme.watches,
         **{"slopes": "", "watched": "", **dict(zip(functions, bodies, strict=True))},
     )

@@ -18,11 +18,13 @@ import numpy as np
 
 from nhpocp.arrays import Array
 from nhpocp.calls import accumulated, call, lent, side_by_side
+from nhpocp.controls.samples import Samples
 from nhpocp.flow.dynamics import Dynamics
 from nhpocp.kept import kept
 
 # a_i, which of the three controls, w_i
 TABLEAU = ((0.0, 0, 1.0), (0.5, 1, 2.0), (0.5, 1, 2.0), (1.0, 2, 1.0))
+SLICE = 4096  # steps that CasADi evaluates at once: its memory for them grows with their number
 PLACES = np.array([place for _, place, _ in TABLEAU])
 APART = 1 / 64  # between the controls that a kernel is tried on
 
@@ -32,17 +34,17 @@ class Grid:
     """The steps of a flow, and where they see its control. The arrays are contiguous."""
 
     h: Array  # step lengths (steps,)
-    nodes: Array  # where φ at the start, middle and end of each step stands in the table, (steps, 3)
-    table: Array  # (nodes, size)
+    nodes: Array  # where the start, middle and end of each step stand among the samples, (steps, 3)
+    samples: Samples  # φ
 
     @cached_property
     def basis(self) -> Array:
         """φ at the start, middle and end of each step, (steps, 3, size)."""
-        return self.table[self.nodes]
+        return self.samples.dense()[self.nodes]
 
     def first(self, steps: int) -> Grid:
         """The first steps alone."""
-        return Grid(self.h[:steps], self.nodes[:steps], self.table)
+        return Grid(self.h[:steps], self.nodes[:steps], self.samples)
 
 
 class Sweep(NamedTuple):
@@ -64,7 +66,14 @@ class Sweep(NamedTuple):
 
     def controls(self) -> Array:
         """u at the start, middle and end of each step, (steps, 3, m)."""
-        return (self.grid.table @ self.coefficients.T)[self.grid.nodes]
+        return self.grid.samples.controls(self.coefficients)[self.grid.nodes]
+
+    def by_coefficients(self, gathered: Array) -> Array:
+        """Derivatives by λ, (rows, m·size), from those by the controls at the samples, (samples, rows, m)."""
+        inputs, size = self.coefficients.shape
+        count, rows, _ = gathered.shape
+        found = self.grid.samples.transposed(gathered.reshape(count, rows * inputs))
+        return found.T.reshape(rows, inputs * size)
 
 
 class Swept(NamedTuple):
@@ -180,9 +189,26 @@ class Scheme:
 
         Good until the thread asks again for as many steps.
         """
-        h, controls, n = sweep.h, sweep.controls(), self.size
-        found, points = lent(accumulated(self.step, len(h)), sweep.start, h, controls)
-        path = np.concatenate([sweep.start[None], found])
+        h, controls = sweep.h, sweep.controls()
+        if len(h) <= SLICE:
+            return self._linearised(sweep.start, h, controls)
+        start, found = sweep.start, []
+        for first in range(0, len(h), SLICE):
+            steps = slice(first, first + SLICE)
+            found.append(self._linearised(start, h[steps], controls[steps]).copy())
+            start = found[-1].path[-1]
+        path = np.concatenate([sweep.start[None], *(part.path[1:] for part in found)])
+        return Linearised(
+            path,
+            np.concatenate([part.by_state for part in found]),
+            np.concatenate([part.by_controls for part in found]),
+        )
+
+    def _linearised(self, start: Array, h: Array, controls: Array) -> Linearised:
+        """The same for some steps after one another."""
+        n = self.size
+        found, points = lent(accumulated(self.step, len(h)), start, h, controls)
+        path = np.concatenate([start[None], found])
         (slopes,) = lent(side_by_side(self.slopes, len(points)), points, controls.take(PLACES, axis=1))
         by_state, by_controls = lent(side_by_side(self.blocks, len(h)), slopes, h)
         return Linearised(path, by_state.reshape(-1, n, n), by_controls.reshape(len(h), n, -1))
@@ -191,7 +217,8 @@ class Scheme:
         """What is watched at every point of a path, (k, …)."""
         if not self.watches:
             return np.empty((len(path), 0))
-        return call(side_by_side(self.watched, len(path)), path)[0]
+        slices = (path[first : first + SLICE] for first in range(0, len(path), SLICE))
+        return np.concatenate([call(side_by_side(self.watched, len(part)), part)[0] for part in slices])
 
     def swept(self, sweep: Sweep) -> Swept:
         """By CasADi's own evaluation."""
@@ -202,7 +229,9 @@ class Scheme:
         for found, stop in zip(derivatives, sweep.stops, strict=True):
             if stop:  # y(0) is given
                 (matrix,) = call(self.observed, steps.path[stop])
-                found[:] = steps.pulled_back(matrix.reshape(self.size, self.rows).T, sweep.grid.basis[:stop])
+                rows, grid = matrix.reshape(self.size, self.rows).T, sweep.grid
+                gathered = steps.pulled_back(rows, grid.nodes[:stop], len(grid.samples))
+                found[:] = sweep.by_coefficients(gathered)
         return Swept(steps.path, derivatives, self.watched_along(steps.path))
 
 
@@ -222,17 +251,24 @@ class Linearised:
     by_state: Array  # Φ, (steps, n, n)
     by_controls: Array  # Γ, (steps, n, 3 m)
 
-    def pulled_back(self, rows: Array, basis: Array) -> Array:
-        """Rows (r, n) of dy after as many steps as ``basis``, φ at their controls, has; by λ, (r, m·size)."""
-        steps, size = len(basis), basis.shape[2]
+    def copy(self) -> Linearised:
+        """One that lasts."""
+        return Linearised(self.path, self.by_state.copy(), self.by_controls.copy())
+
+    def pulled_back(self, rows: Array, nodes: Array, samples: int) -> Array:
+        """Rows (r, n) of dy after as many steps as ``nodes`` has, by the controls at the samples, (samples, r, m)."""
+        steps = len(nodes)
         back = np.empty((steps + 1, *rows.shape))
         back[steps] = rows
         with np.errstate(all="ignore"):  # a path that runs away is the caller's to judge
             for k in reversed(range(steps)):
                 back[k + 1].dot(self.by_state[k], back[k])
             by_controls = back[1:] @ self.by_controls[:steps]
-            by_controls = by_controls.reshape(steps, len(rows), 3, -1).transpose(1, 3, 0, 2)
-            return (by_controls.reshape(-1, 3 * steps) @ basis.reshape(-1, size)).reshape(len(rows), -1)
+            by_controls = by_controls.reshape(steps, len(rows), 3, -1)
+            gathered = np.zeros((samples, len(rows), by_controls.shape[3]))
+            for place, column in enumerate(nodes.T):  # no two steps share a start, a middle, or an end
+                gathered[column] += by_controls[:, :, place]
+            return gathered
 
     def pushed_on(self, basis: Array) -> Array:
         """dy by λ at every point of the path, (steps + 1, n, m·size)."""
@@ -257,8 +293,12 @@ def runge_kutta_step(rate: ca.Function) -> ca.Function:
 
 def walked(rate: ca.Function, sweep: Sweep) -> Array:
     """The path alone, (steps + 1, n), by CasADi's own evaluation."""
-    step = accumulated(runge_kutta_step(rate), len(sweep.h))
-    return np.vstack([sweep.start, *call(step, sweep.start, sweep.h, sweep.controls())])
+    h, controls, path = sweep.h, sweep.controls(), [sweep.start[None]]
+    for first in range(0, len(h), SLICE):
+        steps = slice(first, first + SLICE)
+        step = accumulated(runge_kutta_step(rate), len(h[steps]))
+        path += call(step, path[-1][-1], h[steps], controls[steps])
+    return np.concatenate(path)
 
 
 @kept(most=16)

@@ -12,7 +12,7 @@ from nhpocp.arrays import Array
 from nhpocp.controls.control import Control
 from nhpocp.deferred import Deferred
 from nhpocp.flow.dynamics import Dynamics
-from nhpocp.flow.integrators import RungeKutta4, uniform_grid
+from nhpocp.flow.integrators import RungeKutta4, enough_steps, uniform_grid
 from nhpocp.objectives import INTEGRANDS, available
 from nhpocp.problem import PlanningProblem
 from nhpocp.systems.numeric import numeric_system
@@ -41,7 +41,8 @@ def simulate(problem: PlanningProblem, control: Control) -> Motion:
 
     @cache
     def integrated() -> tuple[Array, Array]:
-        return _path(problem, control, (samples - 1) * -(-STEPS_AT_LEAST // (samples - 1)))
+        least = enough_steps(STEPS_AT_LEAST, control.basis)
+        return _path(problem, control, (samples - 1) * -(-least // (samples - 1)))
 
     return Motion(
         Deferred(lambda: _sampled(problem, control, *integrated())),

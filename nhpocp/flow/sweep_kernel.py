@@ -29,63 +29,63 @@ class SweepKernel:
         self._sweep = library.nhpocp_sweep
         self._sweep.restype = None
         self._sweep.argtypes = [
-            ctypes.c_longlong if kind == "i" else ctypes.c_void_p for kind in "ippiipppipppp"
+            ctypes.c_longlong if kind == "i" else ctypes.c_void_p for kind in "ippippipppp"
         ]
         self._scheme, self._work = scheme, (np.zeros(0), 0)  # and where it is
-        self._places: WeakKeyDictionary[Grid, tuple[int, int, int]] = WeakKeyDictionary()
+        self._places: WeakKeyDictionary[Grid, tuple[int, int]] = WeakKeyDictionary()
 
     def swept(self, sweep: Sweep) -> Swept:
         """As `Kernels.swept`."""
         scheme, grid = self._scheme, sweep.grid
-        steps, (count, size) = len(grid.h), grid.table.shape
-        points = (steps + 1) * bool(sweep.stops)  # that are watched
-        _work, work_at = self._room(steps, count)  # held: another thread may ask for more meanwhile
-        h, nodes, table = self._places.get(grid) or self._placed(grid)
-        stops, stops_at = _stops(sweep.stops)
-        entries = size * scheme.rows * scheme.inputs
+        steps, count, stops = len(grid.h), len(grid.samples), len(sweep.stops)
+        points = (steps + 1) * bool(stops)  # that are watched
+        _work, work_at = self._room(steps)  # held: another thread may ask for more meanwhile
+        h, nodes = self._places.get(grid) or self._placed(grid)
+        numbers, stops_at = _stops(sweep.stops)
+        entries = count * scheme.rows * scheme.inputs
         first = (steps + 1) * scheme.size
-        second = first + len(stops) * entries
+        second = first + stops * entries
         found = np.empty(second + points * scheme.watches)
         found[: scheme.size] = sweep.start
-        coefficients = np.array(sweep.coefficients, dtype=float, order="C")
+        controls = np.ascontiguousarray(grid.samples.controls(sweep.coefficients))
         at = address(found)
         self._sweep(
             steps,
             h,
             nodes,
             count,
-            size,
-            table,
-            address(coefficients),
+            address(controls),
             at,
-            len(stops),
+            len(numbers),
             stops_at,
             work_at,
             at + 8 * first,
             at + 8 * second,
         )
-        path, derivatives, watched = found[:first], found[first:second], found[second:]
-        derivatives = derivatives.reshape(len(stops), size, scheme.rows, scheme.inputs).transpose(0, 2, 3, 1)
+        path, gathered, watched = found[:first], found[first:second], found[second:]
+        derivatives = [
+            sweep.by_coefficients(part) for part in gathered.reshape(stops, count, scheme.rows, scheme.inputs)
+        ]
+        shape = stops, scheme.rows, sweep.coefficients.size
         return Swept(
             path.reshape(steps + 1, scheme.size),
-            derivatives.reshape(len(stops), scheme.rows, scheme.inputs * size),
+            np.reshape(derivatives, shape),
             watched.reshape(points, scheme.watches),
         )
 
-    def _room(self, steps: int, count: int) -> tuple[Array, int]:
-        """Memory for so many steps and nodes, and where it is."""
+    def _room(self, steps: int) -> tuple[Array, int]:
+        """Memory for so many steps, and where it is."""
         scheme = self._scheme
         samples = LANES * -(-4 * steps // LANES)
         wanted = samples * (scheme.size + scheme.inputs + scheme.entries)
-        wanted += count * scheme.inputs * (scheme.rows + 1)
         if self._work[0].size < wanted:
             more = np.zeros(wanted)
             self._work = more, address(more)
         return self._work
 
-    def _placed(self, grid: Grid) -> tuple[int, int, int]:
+    def _placed(self, grid: Grid) -> tuple[int, int]:
         """Where the arrays of a grid are: asking takes as long as some steps do."""
-        found = self._places[grid] = address(grid.h), address(grid.nodes), address(grid.table)
+        found = self._places[grid] = address(grid.h), address(grid.nodes)
         return found
 
 

@@ -36,6 +36,25 @@ def linearisation(system: System) -> ca.Function:
     return ca.Function("linearisation", [x, u], [ca.densify(A), ca.densify(B)])
 
 
+def gram_matrix(
+    system: System,
+    basis: ControlBasis,
+    horizon: float,
+    integrator: Integrator,
+    start: Array,
+    coefficients: Array,
+) -> Array:
+    """D of [Paper] eq. (14) alone, (d, d), which depends on the control's path and on no basis."""
+    n, d, m = system.state_space.size, system.state_space.dimension, system.input_space.size
+    y, u = ca.SX.sym("y", n + d * d), ca.SX.sym("u", m)
+    x, D = y[:n], ca.reshape(y[n:], d, d)
+    A, B = linearisation(system)(x, u)
+    rate = ca.vertcat(system.rate(x, u), ca.vec(A @ D + D @ A.T + B @ B.T))
+    flow = integrator.flow(Dynamics(ca.Function("gram", [y, u], [ca.densify(rate)])), basis, horizon)
+    end = flow.states(np.concatenate([start, np.zeros(d * d)]), coefficients)[-1]
+    return np.asarray(end[n:].reshape((d, d), order="F"))
+
+
 class VariationalEquations:
     """x, M and D of one system integrated together, over one basis and horizon."""
 

@@ -10,7 +10,7 @@ import numpy as np
 from nhpocp.arrays import Array
 from nhpocp.controls.control import Control
 from nhpocp.flow.end_point_map import flow_through, stops_of
-from nhpocp.flow.integrators import Integrator, RungeKutta4
+from nhpocp.flow.integrators import Integrator, RungeKutta4, resolving
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Outcome, Progress
 from nhpocp.solvers.continuation import Continuation, Found
@@ -28,6 +28,7 @@ def confirmed(
     Every claim is held against such a simulation, that of the last correction too; ends as `not_verified` only if that
     is refuted as well, after `CORRECTIONS` of them. ``updates``: as of `Continuation.find`.
     """
+    solver = replace(solver, integrator=resolving(solver.integrator, problem.basis))
     found, error = solver.find(problem, progress, updates), np.inf
     for correction in range(CORRECTIONS + 1):
         if found.outcome is not Outcome.CONVERGED:
@@ -63,7 +64,8 @@ def missed(problem: PlanningProblem, control: Control, integrator: Integrator) -
 
 def end_of(problem: PlanningProblem, control: Control, integrator: Integrator) -> Array:
     """Where a control leads, with finer steps than a claim's, as a point of the state space; NaN where it is none."""
-    flow = flow_through(problem.system, control.basis, control.horizon, finer(integrator), ())
+    resolved = resolving(integrator, control.basis)
+    flow = flow_through(problem.system, control.basis, control.horizon, finer(resolved), ())
     end = flow.end(problem.start_point, control.coefficients)
     return problem.system.state_space.nearest(end) if np.isfinite(end).all() else end
 

@@ -6,7 +6,7 @@ The loop is written once; how long a step is (`StepRule`), how J is inverted (`G
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import chain
 from math import log
@@ -16,10 +16,11 @@ from typing import Any, ClassVar
 import numpy as np
 
 from nhpocp.arrays import Array, norm
+from nhpocp.controls.basis import ControlBasis
 from nhpocp.controls.control import Control
 from nhpocp.deferred import Deferred
 from nhpocp.flow.end_point_map import DifferentiatedEndPointMap, EndPointMapFactory
-from nhpocp.flow.integrators import Integrator, RungeKutta4
+from nhpocp.flow.integrators import Integrator, RungeKutta4, enough_steps, resolving
 from nhpocp.flow.simulation import simulate
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Outcome, Progress, Solution, Solver
@@ -130,8 +131,20 @@ def solution(solver: Solver, problem: PlanningProblem, found: Found) -> Solution
         evaluations=len(found.records),
         objective=settings["objective"],
         details=found.details,
+        warnings=_of_steps(settings, problem.basis),
         timing={"build_s": found.build_seconds, "solve_s": found.solve_seconds},
     )
+
+
+def _of_steps(settings: dict[str, Any], basis: ControlBasis) -> list[str]:
+    """What is to be said of the steps of an integration that a basis asks for more of."""
+    given = settings.get("steps")
+    taken = given and enough_steps(given, basis)
+    if taken == given or settings["integrator"] == "cvodes":
+        return []
+    return [
+        f"{given} steps cannot resolve a control over {basis.size} functions of {basis.kind}: {taken} were taken"
+    ]
 
 
 class _Run:
@@ -140,6 +153,7 @@ class _Run:
     def __init__(
         self, solver: Continuation, problem: PlanningProblem, progress: Progress | None, updates: int
     ) -> None:
+        solver = replace(solver, integrator=resolving(solver.integrator, problem.basis))
         self.solver, self.problem, self.progress = solver, problem, progress
         began = perf_counter()
         self.horizon = problem.horizon.fixed
@@ -176,6 +190,8 @@ class _Run:
                 message = f"E = {self.here.error if self.here else np.nan:.3g} after {len(self.records)} evaluations"
             except KeyboardInterrupt:
                 outcome, message = Outcome.INTERRUPTED, "Stopped by hand"
+            except MemoryError as error:
+                outcome, message = Outcome.SOLVER_ERROR, f"Out of memory: {error}"
             except RuntimeError as error:  # CasADi and SUNDIALS report through RuntimeError
                 outcome = Outcome.INTERRUPTED if self.interruption.noted else Outcome.SOLVER_ERROR
                 message = f"CasADi failed: {str(error).strip().splitlines()[-1]}"

@@ -12,10 +12,11 @@ from nhpocp.controls.basis import ControlBasis
 from nhpocp.controls.control import Control
 from nhpocp.controls.piecewise_constant import PiecewiseConstant
 from nhpocp.controls.projection import project
-from nhpocp.errors import InvalidProblemError, OrientationAtPiError
+from nhpocp.errors import InvalidProblemError, OrientationAtPiError, TooLargeError
 from nhpocp.flow.dynamics import Dynamics
 from nhpocp.flow.end_point_map import DifferentiatedEndPointMap
-from nhpocp.flow.integrators import RungeKutta4
+from nhpocp.flow.integrators import RungeKutta4, resolving
+from nhpocp.machine import afford
 from nhpocp.problem import Horizon, PlanningProblem
 from nhpocp.solution import Outcome, Solution, Solver
 from nhpocp.solvers.initial_control import seeded_start
@@ -24,6 +25,8 @@ from nhpocp.state_space import StateSpace
 from nhpocp.systems.numeric import numeric_system
 
 STEPS_PER_INTERVAL = 4
+BYTES = 350.0  # for each entry of the Hessians that an NLP with a control over a basis is made of, measured
+BYTES_AT_LEAST = 35_000.0  # for each interval
 DRAWS = 40  # of a seeded control; an NLP needs no full rank, and begins with what is best conditioned
 
 
@@ -56,6 +59,7 @@ def make_guess(
 
     Errors: `NoGuessError` where there is none, or its simulation is not finite.
     """
+    _check_memory(problem, basis, intervals)
     horizon, origin = starting_horizon(problem), None
     if isinstance(maker, SolverGuess):
         origin = maker.solution(problem, horizon)
@@ -74,6 +78,23 @@ def make_guess(
             "control.initial" if maker.kind == "problem" else "solvers.nlp.initial",
         )
     return Guess(states, control, origin)
+
+
+def _check_memory(problem: PlanningProblem, basis: ControlBasis | None, intervals: int) -> None:
+    """Errors: `NoGuessError` where the NLP's Hessians would not fit: every interval knows all coefficients."""
+    inputs, state = problem.system.input_space.size, problem.system.state_space.dimension
+    stage = state + inputs * (basis.size if basis else 1)
+    try:
+        afford(
+            max(BYTES * stage**2, BYTES_AT_LEAST) * intervals,
+            f"an NLP with {intervals} intervals of {stage} variables each",
+        )
+    except TooLargeError as error:
+        raise NoGuessError(
+            f"{error}; take fewer functions{' or solvers.nlp.control: piecewise_constant' if basis else ''}",
+            Outcome.SOLVER_ERROR,
+            "solvers.nlp",
+        ) from error
 
 
 def starting_horizon(problem: PlanningProblem) -> float:
@@ -144,7 +165,7 @@ class ProblemGuess:
             problem.basis,
             horizon,
             problem.start_point,
-            RungeKutta4(),
+            resolving(RungeKutta4(), problem.basis),
             [task.share for task in problem.tasks[:-1]],
         )
         start = seeded_start(held(problem, horizon), end_point_map, seed, DRAWS)

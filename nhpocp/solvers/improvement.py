@@ -12,14 +12,16 @@ from nhpocp.arrays import Array
 from nhpocp.flow.cost_map import cost_map
 from nhpocp.flow.integrators import Integrator
 from nhpocp.flow.simulation import simulate
+from nhpocp.machine import afford
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Outcome
 from nhpocp.solvers.evaluation import Evaluation
 from nhpocp.solvers.generalized_inverses import Coordinates, WeightedMetric
 from nhpocp.solvers.multipliers import rounds
 from nhpocp.solvers.null_space import Cost, LimitReached, NoSurfaceError, NullSpaceResult, minimise
-from nhpocp.solvers.path_rows import FORGIVEN, INSIDE, PathRows, worst
+from nhpocp.solvers.path_rows import FINE_STEPS, FORGIVEN, INSIDE, PathRows, worst
 
+DENSE = 64.0  # bytes for each entry of the model of the Hessian: it, its projection, and copies of both
 HELD = 1e-6  # of a limit: a violation that is rounding; verification forgives a thousand times as much
 NOTHING = 1e-6  # of a problem's own cost
 
@@ -77,11 +79,17 @@ class Improvement:
 
     def __post_init__(self) -> None:
         problem, horizon = self.problem, self.horizon
+        size = self.reached.size
+        if self.objective != "none" or problem.bounds:
+            afford(DENSE * size**2, f"the search for less in the null space of {size} coefficients")
+        if problem.bounds:
+            rows = len(self.times) + FINE_STEPS
+            afford(DENSE * rows * size, f"the bounds at {rows} times by {size} coefficients")
         basis, scales = problem.basis, problem.scales
         # in which the effort is |y|² in units of its scale, and each input counts by its own size where these differ
         metric = WeightedMetric(1.0 / scales.inputs**2)
-        coordinates = Coordinates.natural(metric, basis, scales.inputs, horizon)
-        self._unscale, self._first = coordinates.back, coordinates.of(self.reached.ravel())
+        self._coordinates = Coordinates.natural(metric, basis, scales.inputs, horizon)
+        self._first = self._coordinates.of(self.reached.ravel())
         self._last: tuple[Array, Array] | None = None  # y and the path of the latest attempt
         self._path_rows = PathRows(problem, basis, horizon, self.times) if problem.bounds else None
         self._goal = min(1e-7, 1e-3 * self.tolerance)
@@ -158,14 +166,14 @@ class Improvement:
     # --- what the search asks ------------------------------------------------------------------------------------
 
     def _coefficients(self, y: Array) -> Array:
-        return (self._unscale @ y).reshape(self.reached.shape)
+        return self._coordinates.coefficients(y).reshape(self.reached.shape)
 
     def _constraint(self, y: Array) -> tuple[Array, Array] | None:
         tried = self.attempt(self._coefficients(y))
         if tried is None or tried.failure or tried.crossing or tried.vector is None or tried.jacobian is None:
             return None
         self._last = y, tried.end.path
-        return tried.vector, tried.jacobian @ self._unscale
+        return tried.vector, self._coordinates.jacobian(tried.jacobian)
 
     def _distance(self, y: Array) -> tuple[float, Array]:
         """∫ |u - u_reached|² dt."""
@@ -175,7 +183,7 @@ class Improvement:
     def _cost(self, y: Array) -> tuple[float, Array]:
         """The objective, in units of its scale; the effort where there is none."""
         value, gradient = self._map(self._coefficients(y))
-        return value / self._scale, gradient @ self._unscale / self._scale
+        return value / self._scale, self._coordinates.jacobian(gradient) / self._scale
 
     def _curvature(self, cost: Cost, y: Array) -> float:
         """A guess at the cost's curvature, exact for the effort."""
@@ -195,7 +203,7 @@ class Improvement:
 
     def slopes(self, y: Array) -> Array:
         slopes = self._rows.derivatives(self._coefficients(y))
-        return slopes.reshape(-1, len(y)) @ self._unscale
+        return self._coordinates.jacobian(slopes.reshape(-1, len(y)))
 
     def between(self, y: Array) -> Array:
         return self._rows.between(self._coefficients(y)).ravel()

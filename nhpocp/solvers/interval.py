@@ -196,7 +196,7 @@ class Interval:
             return length * ca.sumsqr(self._input_scales(units) * s[self.statics :, :])
         inputs, size = self.problem.system.input_space.size, self.basis.size
         coefficients = s[: inputs * size, :] * _each(self._input_scales(units), size)
-        gram = ca.DM(np.kron(np.eye(inputs), self.basis.gram(1.0)))  # ∫₀ᵀ = T ∫₀¹
+        gram = ca.DM(np.kron(np.eye(inputs), np.asarray(self.basis.gram(1.0))))  # ∫₀ᵀ = T ∫₀¹
         return length * (coefficients.T @ gram @ coefficients)
 
     def _path_rows(

@@ -14,7 +14,7 @@ import numpy as np
 
 from nhpocp.arrays import Array
 from nhpocp.flow.end_point_map import DifferentiatedEndPointMap, flow_through
-from nhpocp.flow.integrators import RungeKutta4
+from nhpocp.flow.integrators import RungeKutta4, resolving
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Solver
 from nhpocp.solvers.claims import finer
@@ -140,22 +140,26 @@ class _Metrics:
         self._alike = bool((inputs == inputs[0]).all())
         basis, horizon = problems[0].basis, problems[0].horizon.fixed
         kept = inputs[:1] if self._alike else inputs
-        found = [Coordinates.natural(solver.metric, basis, each, horizon) for each in kept]
-        self._back = np.stack([each.back for each in found])
-        self._forth = np.stack([each.factor.T for each in found])
-
-    def _of(self, matrices: Array, places: Array) -> Array:
-        return matrices if self._alike else matrices[places]
+        self._found = [Coordinates.natural(solver.metric, basis, each, horizon) for each in kept]
 
     def jacobian(self, places: Array, by_coefficients: Array) -> Array:
         """J over z."""
-        return np.asarray(by_coefficients @ self._of(self._back, places))
+        if self._alike:
+            return self._found[0].jacobian(by_coefficients)
+        pairs = zip(places, by_coefficients, strict=True)
+        return np.reshape([self._found[i].jacobian(each) for i, each in pairs], by_coefficients.shape)
 
     def coefficients(self, places: Array, z: Array) -> Array:
-        return _times(self._of(self._back, places), z)
+        if self._alike:
+            return self._found[0].coefficients(z.T).T
+        pairs = zip(places, z, strict=True)
+        return np.reshape([self._found[i].coefficients(each) for i, each in pairs], z.shape)
 
     def length(self, places: Array, coefficients: Array) -> Array:
-        return _length(_times(self._of(self._forth, places), coefficients))
+        if self._alike:
+            return _length(self._found[0].of(coefficients.T).T)
+        pairs = zip(places, coefficients, strict=True)
+        return np.array([self._found[i].length(each) for i, each in pairs])
 
 
 class _Lockstep:
@@ -168,7 +172,8 @@ class _Lockstep:
         self.solver, self.rule, self.inverse = method
         self.problem, self.count, self.interruption = problem, len(problems), interruption
         horizon = problem.horizon.fixed
-        self.flow = flow_through(problem.system, problem.basis, horizon, self.solver.integrator, ())
+        integrator = resolving(self.solver.integrator, problem.basis)
+        self.flow = flow_through(problem.system, problem.basis, horizon, integrator, ())
         self.coordinates = _Metrics(method.solver, problems)
         self.tasks = AlikeTasks([problem.tasks[0] for problem in problems])
         self.numeric = numeric_system(problem.system)
@@ -208,7 +213,11 @@ class _Lockstep:
         if not reached:
             return reached
         flow = flow_through(
-            problem.system, problem.basis, problem.horizon.fixed, finer(solver.integrator), ()
+            problem.system,
+            problem.basis,
+            problem.horizon.fixed,
+            finer(resolving(solver.integrator, problem.basis)),
+            (),
         )
         coefficients = np.stack([plan.coefficients for plan in reached.values()])
         ends = flow.ends(problem.start_point, coefficients, differentiated=False)
