@@ -231,7 +231,8 @@ class Scheme:
                 (matrix,) = call(self.observed, steps.path[stop])
                 rows, grid = matrix.reshape(self.size, self.rows).T, sweep.grid
                 gathered = steps.pulled_back(rows, grid.nodes[:stop], len(grid.samples))
-                found[:] = sweep.by_coefficients(gathered)
+                with np.errstate(all="ignore"):  # a path that runs away is the caller's to judge
+                    found[:] = sweep.by_coefficients(gathered)
         return Swept(steps.path, derivatives, self.watched_along(steps.path))
 
 
