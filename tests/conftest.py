@@ -5,6 +5,7 @@ from __future__ import annotations
 import atexit
 import os
 import shutil
+import signal
 import tempfile
 from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar
@@ -26,6 +27,8 @@ from nhpocp.state_space import StateSpace, rotation, scalar
 from nhpocp.systems.system import Parameter, System
 from nhpocp.systems.three_upu import ThreeUPU
 
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # begun in the background of a script
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 interruption.PATIENCE = 60.0  # the machine may be busy; tests of what nobody looks at set it themselves
 atexit.register(shutil.rmtree, os.environ["NHPOCP_CACHE"], ignore_errors=True)
 
