@@ -175,11 +175,8 @@ def _objective(solution: Solution) -> float:
 
 def _well(solution: Solution) -> bool:
     """Whether an optimum is what it says, as far as finer steps and the determinants' signs tell."""
-    if solution.outcome is not Outcome.CONVERGED:
-        return False
-    names = [f"det_{name}" for name in solution.problem.system.breaking()]
-    one_side = all(np.all(v * v[0] > 0) for v in (solution.trajectory[name] for name in names))
-    return bool(one_side and solution.details.get("resimulated_gap", 0.0) <= solution.tolerance)
+    gap, one_side = solution.details.get("resimulated_gap", 0.0), solution.details.get("one_side", True)
+    return solution.outcome is Outcome.CONVERGED and bool(one_side and gap <= solution.tolerance)
 
 
 def _uncertified(ended: list[Solution]) -> Solution | None:

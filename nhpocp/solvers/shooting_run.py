@@ -281,6 +281,7 @@ class Run:
         self.details |= {
             "status": optimum.status,
             "feasible": bool(_excess(programme, optimum.constraints).max(initial=0.0) <= SLIGHT),
+            "one_side": self._one_side(plan.states),
             "objective_value": self._objective(programme, optimum, motion),
             "steps_per_interval": programme.steps,
             "optimality": optimality(programme, optimum.x, optimum.multipliers),
@@ -304,6 +305,14 @@ class Run:
             timing={"build_s": self.build_seconds, "solve_s": seconds},
             log="\n".join(self.logs),
             details=self.details,
+        )
+
+    def _one_side(self, states: Array) -> bool:
+        """Whether no determinant that the equations divide by changes its sign from node to node: a step can jump."""
+        determinants = self.numeric.determinants(states)
+        return all(
+            bool(np.all(values * values[0] > 0))
+            for values in (determinants[name] for name in self.problem.system.breaking())
         )
 
     def _objective(self, programme: Transcription, optimum: Optimum, motion: Motion) -> float:
