@@ -6,6 +6,7 @@ has. The plain script has six local states about one rotation, lengths counted i
 interval, bounds as rows at the ends of the intervals, and IPOPT as it comes. Either plan is judged alike: replayed
 by SciPy, E within the tolerance, bounds within 1e-3 of their limits on 5000 times.
 Run: .venv/bin/python scripts/active_bounds.py [--robots …] [--kinds …] [--seeds 10] [--intervals 50]
+[--compile auto]
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from nhpocp.controls.control import Control
 from nhpocp.controls.piecewise_constant import PiecewiseConstant
 from nhpocp.flow.dynamics import Dynamics
 from nhpocp.flow.integrators import RungeKutta4
-from nhpocp.flow.kernels import Interpreted
+from nhpocp.flow.kernels import Compiled, CompiledWhenReady, Interpreted, Kernels
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Solution
 from nhpocp.solvers.multiple_shooting import MultipleShooting
@@ -45,6 +46,7 @@ UNEQUAL = (
     {"base": (-16, 25, 2), "platform": (-7, 12, 1), "r": (-0.8, -0.5, 0.3), "w4": (-0.5, 0.8, 0)},
     {"base": (-14, -27, -1), "platform": (-8, -13, 0), "r": (0.7, -0.6, 0.35), "w4": (-0.4, -0.9, 0)},
 )
+KERNELS: dict[str, Kernels] = {"auto": CompiledWhenReady(), "always": Compiled(), "never": Interpreted()}
 ROBOTS: dict[str, Callable[[], ThreeUPU]] = {
     "default": ThreeUPU,
     "unequal": lambda: ThreeUPU(legs=UNEQUAL),
@@ -260,7 +262,7 @@ def holds(error: float, excess: float) -> bool:
 
 def main(arguments: argparse.Namespace) -> None:
     kinds = [kind for kind in KINDS if kind.__name__ in arguments.kinds]
-    solver = MultipleShooting(intervals=arguments.intervals, kernels=Interpreted())
+    solver = MultipleShooting(intervals=arguments.intervals, kernels=KERNELS[arguments.compile])
     times: list[tuple[float, float]] = []
     kept, lost, dearer, total = [0, 0], [], [], 0
     seeds = range(arguments.first, arguments.first + arguments.seeds)
@@ -307,4 +309,5 @@ if __name__ == "__main__":
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--intervals", type=int, default=50)
+    parser.add_argument("--compile", choices=list(KERNELS), default="auto")  # of ours, as a problem file has it
     main(parser.parse_args())
