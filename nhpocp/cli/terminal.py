@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -10,15 +11,30 @@ import click
 if TYPE_CHECKING:
     from nhpocp.solution import Verdict
 
+_CONTROLS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f]")  # all but tab and newline
+
 
 def say(text: str) -> None:
     """A message for people, on standard error."""
-    click.echo(text, err=True)
+    click.echo(visible(text), err=True)
+
+
+def tell(text: str) -> None:
+    """A result for people, on standard output."""
+    click.echo(visible(text))
+
+
+def visible(text: str) -> str:
+    """A text with its control sequences spelt out: read from a file they would be the file's to command with."""
+    return _CONTROLS.sub(lambda found: f"\\x{ord(found[0]):02x}", text)
 
 
 def put(data: Any) -> None:
     """The one JSON document of --json, on standard output."""
-    click.echo(json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False))
+    text = json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False)
+    click.echo(
+        _CONTROLS.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
+    )  # JSON spells out some of them only
 
 
 def error_data(error: BaseException, **known: Any) -> dict[str, Any]:
