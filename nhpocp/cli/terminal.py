@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import errno
+import io
 import json
+import os
+import sys
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -18,7 +22,23 @@ def say(text: str) -> None:
 
 def put(data: Any) -> None:
     """The one JSON document of --json, on standard output."""
-    click.echo(json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False))
+    _write_whole(json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
+
+
+def _write_whole(text: str) -> None:
+    """Text to standard output, all of it: without a buffer (`python -u`) Python drops what a pipe did not take at once,
+    as when a signal arrives."""
+    stream, raw = sys.stdout, getattr(sys.stdout, "buffer", None)
+    if not isinstance(raw, io.RawIOBase):
+        click.echo(text, nl=False)
+        return
+    stream.flush()
+    rest = memoryview(text.encode(stream.encoding, stream.errors or "strict"))
+    while rest:
+        written = raw.write(rest)
+        if written is None:
+            raise BlockingIOError(errno.EAGAIN, os.strerror(errno.EAGAIN))
+        rest = rest[written:]
 
 
 def error_data(error: BaseException, **known: Any) -> dict[str, Any]:
