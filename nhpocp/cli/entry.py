@@ -11,6 +11,7 @@ import os
 import signal
 import sys
 import threading
+import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from types import FrameType
@@ -36,6 +37,8 @@ def main() -> None:
     # pydantic would look through every installed package for plugins, a tenth of the time of `check`
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     logging.getLogger("matplotlib").setLevel(logging.ERROR)  # where it keeps its fonts is nobody's worry
+    # NumPy's warnings of overflow: what they led to is said in words, and beside --json they would be noise
+    warnings.simplefilter("ignore", RuntimeWarning)
     gc.set_threshold(100_000)  # looking for circles of garbage at every turn took a tenth of `solve`
     arguments = sys.argv[1:]
     if "--debug" in arguments:  # wherever it stands
