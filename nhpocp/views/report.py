@@ -30,7 +30,8 @@ def write_report(
     ``animations``: files that show the motions of a group, relative to the page, by the groups' titles.
     """
     target = Path(path)
-    target.write_text(render(comparison, animations), encoding="utf-8")
+    # names of folders need not be text
+    target.write_text(render(comparison, animations), encoding="utf-8", errors="backslashreplace")
     return target
 
 
