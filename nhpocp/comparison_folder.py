@@ -23,6 +23,10 @@ from nhpocp.solution_folder.target import COMPARISON, require_own
 from nhpocp.whole import bench, write_file
 
 ANIMATION = "animation.html"
+TEXT = {
+    "encoding": "utf-8",
+    "errors": "backslashreplace",
+}  # names of folders need not be text; JSON reads them again
 Report = Callable[[Comparison, Path, Mapping[str, str]], Any]
 Animate = Callable[[Sequence[Entry], Path], Any]
 
@@ -96,9 +100,7 @@ def write_comparison(
 
     def numbers(file: Path) -> None:
         data = {**comparison.to_json(), "warnings": [*comparison.notes, *lost]}
-        file.write_text(
-            json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8"
-        )
+        file.write_text(json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False) + "\n", **TEXT)
 
     def page(file: Path) -> None:
         report(comparison, file, animations)
@@ -106,7 +108,7 @@ def write_comparison(
     _write_or_refuse(home / "comparison.json", numbers)
     _write_or_refuse(
         home / "comparison.csv",
-        lambda file: file.write_text(comparison.to_csv(), encoding="utf-8", newline=""),
+        lambda file: file.write_text(comparison.to_csv(), newline="", **TEXT),
     )
     animations = _write_animations(comparison, home, animate, lost) if animate else {}
     files = [home / name for name in (*COMPARISON, *animations.values())]

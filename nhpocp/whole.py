@@ -70,8 +70,12 @@ def write_file(file: Path, write: Callable[[Path], Any], *, new: bool = False) -
 
 
 def write_text(file: Path, text: str, *, new: bool = False) -> None:
-    """A file of this text, with line ends as they are. Errors: those of `write_file`."""
-    write_file(file, lambda scratch: scratch.write_text(text, encoding="utf-8", newline=""), new=new)
+    """A file of this text in UTF-8, with line ends as they are. Errors: those of `write_file`."""
+
+    def write(scratch: Path) -> None:  # names of folders, which texts may hold, need not be text
+        scratch.write_text(text, encoding="utf-8", errors="backslashreplace", newline="")
+
+    write_file(file, write, new=new)
 
 
 def write_files(folder: Path, write: Callable[[Path], Any]) -> None:

@@ -17,7 +17,7 @@ FLOORS = {
     3: ("solvers",),
     4: ("planning", "foreseen", "batch", "verification", "comparison", "analysis", "views"),
     5: ("problem_file", "solution_folder", "comparison_folder", "analysis_folder", "sweep", "diagnosis"),
-    6: ("cli",),
+    6: ("__main__", "cli"),
 }
 CHAINS = [  # inside a floor: a group may import the groups to its right, never those to its left
     ["state_space", "so3", "arrays"],
