@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import errno
+import io
 import json
+import os
 import re
+import sys
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -12,6 +16,23 @@ if TYPE_CHECKING:
     from nhpocp.solution import Verdict
 
 _CONTROLS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f]")  # all but tab and newline
+
+
+def open_streams() -> None:
+    """Streams that take whatever is written to them, of this process and of those that it starts.
+
+    One that was closed (`2>&-`) leads nowhere; without that its number would go to the first file opened, and messages
+    into it. What an encoding lacks is written as an escape.
+    """
+    while (number := os.open(os.devnull, os.O_RDWR)) <= 2:
+        os.set_inheritable(number, True)
+    os.close(number)
+    for name, number in (("stdout", 1), ("stderr", 2)):
+        stream = getattr(sys, name)
+        if stream is None:
+            setattr(sys, name, io.TextIOWrapper(io.FileIO(number, "w", closefd=False), encoding="utf-8"))
+        elif isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
 
 
 def say(text: str) -> None:
@@ -30,11 +51,30 @@ def visible(text: str) -> str:
 
 
 def put(data: Any) -> None:
-    """The one JSON document of --json, on standard output."""
+    """The one JSON document of --json, on standard output; with JSON's escapes where the encoding lacks something."""
     text = json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False)
-    click.echo(
-        _CONTROLS.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
-    )  # JSON spells out some of them only
+    try:
+        text.encode(getattr(sys.stdout, "encoding", None) or "utf-8")
+    except UnicodeEncodeError:
+        text = json.dumps(data, indent=1, allow_nan=False)
+    spelt = _CONTROLS.sub(lambda found: f"\\u{ord(found[0]):04x}", text)  # JSON itself spells out but some of them
+    _write_whole(spelt + "\n")
+
+
+def _write_whole(text: str) -> None:
+    """Text to standard output, all of it: without a buffer (`python -u`) Python drops what a pipe did not take at once,
+    as when a signal arrives."""
+    stream, raw = sys.stdout, getattr(sys.stdout, "buffer", None)
+    if not isinstance(raw, io.RawIOBase):
+        click.echo(text, nl=False)
+        return
+    stream.flush()
+    rest = memoryview(text.encode(stream.encoding, stream.errors or "strict"))
+    while rest:
+        written = raw.write(rest)
+        if written is None:
+            raise BlockingIOError(errno.EAGAIN, os.strerror(errno.EAGAIN))
+        rest = rest[written:]
 
 
 def error_data(error: BaseException, **known: Any) -> dict[str, Any]:

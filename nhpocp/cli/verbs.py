@@ -325,7 +325,7 @@ def _compared(
 
     problems = [load(file, overrides) for file in files]
     runs = plan(problems, variants, home)
-    check_home(home)
+    check_home(home, [problem.name for problem in problems])
     folders = {id(run): folder for folder, run in runs.items()}
     missing: list[str] = []
 
