@@ -342,9 +342,14 @@ def _finite(value: Any) -> Any:
     return value
 
 
+FORMULA = ("=", "+", "-", "@")  # what a spreadsheet executes; with an apostrophe before it is text
+
+
 def _cell(value: Any) -> Any:
     if value is None or isinstance(value, bool):
         return {None: "", True: "true", False: "false"}[value]
+    if isinstance(value, str) and value.lstrip().startswith(FORMULA):
+        return f"'{value}"
     return repr(value) if isinstance(value, float) else value
 
 

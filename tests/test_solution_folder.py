@@ -7,6 +7,8 @@ import math
 import os
 import shutil
 import signal
+import tracemalloc
+import zipfile
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import ClassVar
@@ -30,7 +32,7 @@ from nhpocp.solution_folder import (
     to_json,
     writing,
 )
-from nhpocp.solution_folder.reading import read_arrays
+from nhpocp.solution_folder.reading import LARGEST_FILE, read_arrays
 from nhpocp.solution_folder.target import DATA, PICTURES
 from nhpocp.solvers.continuation import Continuation
 from nhpocp.solvers.multiple_shooting import MultipleShooting
@@ -452,7 +454,7 @@ def test_every_bit_of_the_arrays_may_flip(folder, solution):
         flipped[place // 8] ^= 1 << place % 8
         file.write_bytes(flipped)
         try:
-            arrays = read_arrays(file)
+            arrays = read_arrays(file, 10**6)
         except UnreadableSolutionError as error:
             assert str(file) in str(error)  # noqa: PT017
         else:
@@ -603,3 +605,35 @@ def test_plain_makes_strict_json():
         "a": [None, None, 1.0, 2],
         "b": [[1.0]],
     }
+
+
+@pytest.mark.parametrize("packing", [zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
+@pytest.mark.parametrize("honest", [True, False])
+def test_arrays_that_unpack_to_more_than_the_trajectory_are_refused_first(folder, packing, honest):
+    """400 MB in few bytes, its directory saying so or not."""
+    with zipfile.ZipFile(folder / "arrays.npz", "a", packing) as archive:
+        with archive.open("y.npy" if honest else "x.npy", "w", force_zip64=True) as member:
+            for _ in range(400):
+                member.write(bytes(10**6))
+        if not honest:
+            archive.getinfo("x.npy").file_size = 80
+    tracemalloc.start()
+    try:
+        refused(folder, "arrays.npz", "damaged")
+        assert tracemalloc.get_traced_memory()[1] < 1e8
+    finally:
+        tracemalloc.stop()
+
+
+@pytest.mark.parametrize("name", ["solution.json", "solver.log", "arrays.npz", "problem.yaml"])
+def test_pipes_in_a_folder_are_not_waited_for(folder, name):
+    (folder / name).unlink(missing_ok=True)
+    os.mkfifo(folder / name)
+    refused(folder, name, "this is a pipe; expected a file")
+
+
+def test_files_larger_than_any_solution_are_refused(folder):
+    for name in ("solver.log", "solution.json"):
+        with (folder / name).open("r+b" if name != "solver.log" else "wb") as file:
+            file.truncate(LARGEST_FILE + 1)
+        refused(folder, name, "larger than 200 MB")

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from nhpocp.cli.options import json_option, load, set_option
-from nhpocp.cli.terminal import put, say
+from nhpocp.cli.terminal import put, say, tell
 from nhpocp.cli.verbs import SOLVED
 
 if TYPE_CHECKING:
@@ -87,8 +87,8 @@ def analyze(
         put({**data, "warnings": warnings, "folder": str(folder)})
     else:
         for line in lines(found):
-            click.echo(line)
-        click.echo(f"  written: {folder}")
+            tell(line)
+        tell(f"  written: {folder}")
     return SOLVED
 
 

@@ -11,7 +11,7 @@ import click
 
 from nhpocp.cli.options import json_option
 from nhpocp.cli.progress import counter
-from nhpocp.cli.terminal import put
+from nhpocp.cli.terminal import put, tell
 from nhpocp.errors import InvalidProblemError
 from nhpocp.whole import write_file
 
@@ -52,7 +52,7 @@ def animate(folders: tuple[Path, ...], output: Path | None, kind: str | None, as
     if as_json:
         put({"file": str(file), "format": kind, "folders": [entry.folder for entry in entries]})
     else:
-        click.echo(str(file))
+        tell(str(file))
     return 0
 
 

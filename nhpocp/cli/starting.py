@@ -9,7 +9,7 @@ from pathlib import Path
 import click
 
 from nhpocp.cli.options import json_option
-from nhpocp.cli.terminal import put, say
+from nhpocp.cli.terminal import put, say, tell
 from nhpocp.errors import InvalidProblemError
 from nhpocp.whole import write_text
 
@@ -40,7 +40,7 @@ def schema(output: Path | None, as_json: bool) -> int:
     if as_json:
         put({"schema": str(output)})
     else:
-        click.echo(str(output))
+        tell(str(output))
     return 0
 
 
@@ -54,6 +54,9 @@ def init(file: Path, model: str, as_json: bool) -> int:
     """Write a commented starter FILE and its JSON schema beside it; no file is ever replaced."""
     from nhpocp.problem_file import starter
 
+    if not file.name or file.is_dir():
+        example = file / "problem.yaml"
+        raise InvalidProblemError(f"this is a folder; name a file, such as {example}", file=str(file))
     beside = file.with_name(SCHEMA)
     if file.name == SCHEMA:
         raise InvalidProblemError(
@@ -72,7 +75,7 @@ def init(file: Path, model: str, as_json: bool) -> int:
     if as_json:
         put({"file": str(file), "schema": str(beside)})
     else:
-        click.echo(f"{file}\n{beside}\nnext: nhpocp solve {file}")
+        tell(f"{file}\n{beside}\nnext: nhpocp solve {file}")
     return 0
 
 

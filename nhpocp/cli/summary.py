@@ -12,9 +12,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import click
-
-from nhpocp.cli.terminal import say, verdict_lines
+from nhpocp.cli.terminal import say, tell, verdict_lines, visible
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -32,17 +30,17 @@ def report(solution: Solution, folder: Path, task: str = "") -> None:
     if sys.stdout.isatty():
         _report_table(solution, folder, task)
         return
-    click.echo(f"{solution.problem.name} ({solution.solver}): {solution.outcome.value}")
-    click.echo(f"  {solution.message}")
+    tell(f"{solution.problem.name} ({solution.solver}): {solution.outcome.value}")
+    tell(f"  {solution.message}")
     if solution.verdict:
         for line in verdict_lines(solution.verdict):
-            click.echo(line)
+            tell(line)
     for warning in solution.warnings:
-        click.echo(f"  warning: {warning}")
+        tell(f"  warning: {warning}")
     effort = f"effort {solution.control.effort:.6g}"
     parts = [effort, f"{solution.evaluations} evaluations", *_times(solution)]
-    click.echo(f"  {', '.join(parts)}")
-    click.echo(f"  written: {folder}")
+    tell(f"  {', '.join(parts)}")
+    tell(f"  written: {folder}")
 
 
 def comparison_lines(comparison: Comparison, files: Sequence[Path], tasks: Mapping[str, str]) -> None:
@@ -64,14 +62,14 @@ def comparison_lines(comparison: Comparison, files: Sequence[Path], tasks: Mappi
         ]
         cost = f"{row['objective']} {_figure(row['objective_value'], '.6g')}"
         numbers = f"E = {_figure(row['verified_error'], '.2e')}  {cost}"
-        click.echo(f"{'  '.join(words)}  {numbers}  gap {_gap(row)} %  {_figure(row['solve_s'], '.2f')} s")
+        tell(f"{'  '.join(words)}  {numbers}  gap {_gap(row)} %  {_figure(row['solve_s'], '.2f')} s")
     for note in comparison.notes:
         say(note)
     for path in animations:
-        click.echo(f"animation: {path}")
+        tell(f"animation: {path}")
     for path in files:
         if path.stem == "report":
-            click.echo(f"report: {path}")
+            tell(f"report: {path}")
 
 
 def task(file: Path, overrides: Sequence[str]) -> str:
@@ -118,7 +116,7 @@ def _report_table(solution: Solution, folder: Path, task: str) -> None:
     console, verdict = _console(), solution.verdict
     head = Text(f"{solution.problem.name} by {solution.solver}: ", "bold")
     console.print(head + _outcome(solution.outcome.value))
-    console.print(solution.message)
+    console.print(visible(solution.message))
     table = Table.grid(padding=(0, 2))
     table.add_column(style="dim", no_wrap=True)
     table.add_column(overflow="fold")
@@ -161,7 +159,7 @@ def _next(console: Console, commands: Sequence[str]) -> None:
     if commands:
         console.print("next", style="dim")
     for command in commands:
-        console.print(f"  {command}", soft_wrap=True)
+        console.print(visible(f"  {command}"), soft_wrap=True)
 
 
 def _comparison_table(
@@ -182,17 +180,19 @@ def _comparison_table(
         gap = f"{_gap(row)} %" if row["converged"] else "-"
         more = [gap, f"{_figure(row['solve_s'], '.2f')} s"] if wide else []
         numbers = [_figure(row["verified_error"], ".1e"), _figure(row["objective_value"], ".5g"), *more]
-        run = f"{row['name']} by {row['variant']}"
+        run = visible(f"{row['name']} by {row['variant']}")
         table.add_row(run, _outcome(row["outcome"]), *numbers)
     console.print(table)
     for entry in comparison.entries:
         if not entry.solution.converged and not tasks:  # else it was said as the run ended
-            console.print(f"{entry.solution.problem.name} by {entry.variant}: {entry.solution.message}")
+            console.print(
+                visible(f"{entry.solution.problem.name} by {entry.variant}: {entry.solution.message}")
+            )
     for note in comparison.notes:
         say(note)
     console.print("written", style="dim")
     for path in [*files, *filter(None, (entry.folder for entry in comparison.entries))]:
-        console.print(f"  {path}", soft_wrap=True)
+        console.print(visible(f"  {path}"), soft_wrap=True)
     _next(console, _after(comparison, tasks, bool(animations)))
 
 

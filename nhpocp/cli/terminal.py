@@ -6,6 +6,7 @@ import errno
 import io
 import json
 import os
+import re
 import sys
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +14,8 @@ import click
 
 if TYPE_CHECKING:
     from nhpocp.solution import Verdict
+
+_CONTROLS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f]")  # all but tab and newline
 
 
 def open_streams() -> None:
@@ -34,7 +37,17 @@ def open_streams() -> None:
 
 def say(text: str) -> None:
     """A message for people, on standard error."""
-    click.echo(text, err=True)
+    click.echo(visible(text), err=True)
+
+
+def tell(text: str) -> None:
+    """A result for people, on standard output."""
+    click.echo(visible(text))
+
+
+def visible(text: str) -> str:
+    """A text with its control sequences spelt out: read from a file they would be the file's to command with."""
+    return _CONTROLS.sub(lambda found: f"\\x{ord(found[0]):02x}", text)
 
 
 def put(data: Any) -> None:
@@ -44,7 +57,8 @@ def put(data: Any) -> None:
         text.encode(getattr(sys.stdout, "encoding", None) or "utf-8")
     except UnicodeEncodeError:
         text = json.dumps(data, indent=1, allow_nan=False)
-    _write_whole(text + "\n")
+    spelt = _CONTROLS.sub(lambda found: f"\\u{ord(found[0]):04x}", text)  # JSON itself spells out but some of them
+    _write_whole(spelt + "\n")
 
 
 def _write_whole(text: str) -> None:

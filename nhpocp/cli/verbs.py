@@ -13,7 +13,7 @@ import click
 from nhpocp.cli.options import json_option, load, set_option
 from nhpocp.cli.progress import progress
 from nhpocp.cli.summary import comparison_lines, report, task
-from nhpocp.cli.terminal import error_data, put, say, verdict_lines
+from nhpocp.cli.terminal import error_data, put, say, tell, verdict_lines
 from nhpocp.errors import InvalidProblemError
 
 if TYPE_CHECKING:
@@ -122,13 +122,13 @@ def verify(folder: Path, as_json: bool) -> int:
         )
     else:
         differs = " what is stated here differs" if found.differences else ""
-        click.echo(f"{folder}: {'verified' if verdict.ok else 'refuted'}{';' + differs if differs else ''}")
+        tell(f"{folder}: {'verified' if verdict.ok else 'refuted'}{';' + differs if differs else ''}")
         for line in verdict_lines(verdict):
-            click.echo(line)
+            tell(line)
         for difference in found.differences:
-            click.echo(f"  differs: {difference}")
+            tell(f"  differs: {difference}")
         for sentence in found.unchecked:
-            click.echo(f"  not checked: {sentence}")
+            tell(f"  not checked: {sentence}")
     return SOLVED if found.ok else NOT_SOLVED
 
 
@@ -155,7 +155,7 @@ def check(files: tuple[Path, ...], overrides: tuple[str, ...], as_json: bool) ->
         for line in document.warning_lines():
             say(line)
         if not as_json:
-            click.echo(f"{file}: ok")
+            tell(f"{file}: ok")
     for failure in failures:
         say(str(failure))
     if as_json:
@@ -183,7 +183,7 @@ def plot(folder: Path, as_json: bool) -> int:
     if as_json:
         put({"folder": str(folder), "pictures": written})
     else:
-        click.echo("\n".join(written))
+        tell("\n".join(written))
     return SOLVED
 
 
@@ -202,7 +202,7 @@ def systems(as_json: bool) -> int:
         return SOLVED
     for name, entry in found.items():
         states, inputs = (", ".join(_block(block) for block in entry[part]) for part in ("states", "inputs"))
-        click.echo(f"{name}: state {states}; input {inputs}")
+        tell(f"{name}: state {states}; input {inputs}")
         for parameter, default in entry["defaults"].items():
             value = (
                 ""
@@ -213,9 +213,9 @@ def systems(as_json: bool) -> int:
             )
             choices = entry["parameters"][parameter].get("choices", ())
             words = f" (one of {', '.join(choices)})" if choices else ""
-            click.echo(f"  {parameter}{value}: {entry['meanings'][parameter]}{words}")
+            tell(f"  {parameter}{value}: {entry['meanings'][parameter]}{words}")
         if entry["presets"]:
-            click.echo(f"  presets: {', '.join(entry['presets'])}")
+            tell(f"  presets: {', '.join(entry['presets'])}")
     return SOLVED
 
 
@@ -242,7 +242,7 @@ def doctor(clear_cache: bool, as_json: bool) -> int:
             if isinstance(value, dict):
                 value = [f"{part} {entry}" for part, entry in value.items()]
             shown = ", ".join(value) if isinstance(value, list) else value
-            click.echo(f"{name}: {'none' if value is None else shown}")
+            tell(f"{name}: {'none' if value is None else shown}")
     return SOLVED
 
 

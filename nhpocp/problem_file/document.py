@@ -6,12 +6,15 @@ core schema decides what is a number, and no tag can call a class.
 
 from __future__ import annotations
 
+import errno
+import os
 import re
+import stat
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path as FilePath
-from typing import Any
+from typing import Any, BinaryIO
 
 from nhpocp.errors import InvalidProblemError
 from nhpocp.problem_file.issues import Path
@@ -79,6 +82,18 @@ class _Node:
     keys: dict[str, Mark] = field(default_factory=dict)  # a mapping's
 
 
+def open_file(path: FilePath) -> BinaryIO:
+    """A file to be read, at once: a pipe or a device would be waited for, perhaps for ever. Errors: `OSError`."""
+    at_once = getattr(os, "O_NONBLOCK", 0)
+    stream = open(path, "rb", opener=lambda name, flags: os.open(name, flags | at_once))  # noqa: SIM115 - handed on
+    kind = os.fstat(stream.fileno()).st_mode
+    if stat.S_ISREG(kind):
+        return stream
+    stream.close()
+    what = "a pipe" if stat.S_ISFIFO(kind) else "a socket" if stat.S_ISSOCK(kind) else "a device"
+    raise OSError(errno.EINVAL, f"this is {what}; expected a file")
+
+
 def read_file(path: FilePath) -> str:
     """The text of a file.
 
@@ -86,7 +101,7 @@ def read_file(path: FilePath) -> str:
     """
     name = str(path)
     try:
-        with open(path, "rb") as stream:
+        with open_file(path) as stream:
             raw = stream.read(LARGEST_FILE + 1)
     except FileNotFoundError:
         raise InvalidProblemError("no such file", file=name) from None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import json
 import math
 import os
@@ -14,10 +15,11 @@ from typing import Any
 
 import numpy as np
 
+from nhpocp.errors import InvalidProblemError
 from nhpocp.problem_file.dumping import writable
 from nhpocp.solution import Outcome, Solution, Verdict
 from nhpocp.solution_folder.plain_data import checksum, plain, to_json
-from nhpocp.solution_folder.reading import load_solution
+from nhpocp.solution_folder.reading import content, load_solution
 from nhpocp.solution_folder.tables import trajectory_table
 from nhpocp.verification import verify
 from nhpocp.verification.costs import replayed_costs
@@ -227,8 +229,12 @@ class _Comparison:
         if not file.exists():
             return
         names, columns = trajectory_table(self.stored)
-        with file.open(newline="", encoding="utf-8", errors="replace") as stream:
-            header, *rows = list(csv.reader(stream)) or [[]]
+        try:
+            text = content(file).decode("utf-8", errors="replace")
+        except (OSError, InvalidProblemError) as error:
+            yield f"trajectory.csv cannot be read: {getattr(error, 'strerror', None) or error}"
+            return
+        header, *rows = list(csv.reader(io.StringIO(text, newline=""))) or [[]]
         if header != names:
             yield "trajectory.csv: its header is not that of this trajectory"
         elif len(rows) != len(columns) or any(len(row) != len(names) for row in rows):

@@ -23,11 +23,13 @@ from nhpocp.controls.control import Control
 from nhpocp.errors import InvalidProblemError, UnreadableSolutionError
 from nhpocp.problem import PlanningProblem
 from nhpocp.problem_file import control_from_json, load_problem
+from nhpocp.problem_file.document import open_file
 from nhpocp.solution import Crossing, Replay, Solution, Verdict
 from nhpocp.solution_folder.stored import StoredSolution, StoredVerdict, parse_stored
 from nhpocp.systems.numeric import numeric_system
 from nhpocp.whole import sweep
 
+LARGEST_FILE = 200_000_000  # bytes; 100 000 samples of a robot are 100 MB
 NEEDED = ("solution.json", "problem.yaml", "arrays.npz")
 COSTS = ("effort", "leg_effort", "path_length")
 SAME = 1e-9  # relative, between the two copies of the trajectory
@@ -51,20 +53,20 @@ def load_solution(folder: str | os.PathLike[str]) -> Solution:
             if not (home / name).exists():
                 raise UnreadableSolutionError(f"no solution folder: {_missing(home, name)}", file=str(home))
     with _reading(home / "solution.json"):
-        stored = parse_stored((home / "solution.json").read_bytes(), str(home / "solution.json"))
+        stored = parse_stored(content(home / "solution.json"), str(home / "solution.json"))
     problem = _problem(home / "problem.yaml")
     shapes = _shapes(problem)
     with _reading(home / "solution.json"):
         control = _control(stored, problem)
         tables = {name: _table(name, value) for name, value in stored.trajectory.items()}
         _check_shapes(tables, shapes, problem)
-    arrays = read_arrays(home / "arrays.npz")
+    arrays = read_arrays(home / "arrays.npz", _room(tables))
     with _reading(home / "arrays.npz"):
         _check_shapes(arrays, shapes, problem)
         _check_same(arrays, tables)
     log = home / "solver.log"
     with _reading(log):
-        text = log.read_text(encoding="utf-8", errors="replace") if log.exists() else ""
+        text = content(log).decode("utf-8", errors="replace") if log.exists() else ""
     return _solution(stored, problem, control, arrays, text)
 
 
@@ -154,12 +156,37 @@ def _table(name: str, value: Any) -> Array:
     return table.astype(float)
 
 
-def read_arrays(file: Path) -> dict[str, Array]:
-    """The arrays of an npz file; every member is read whole, so that its checksum is checked."""
+def content(file: Path) -> bytes:
+    """The bytes of a file, if they are not more than a solution can have."""
+    with open_file(file) as stream:
+        if os.fstat(stream.fileno()).st_size > LARGEST_FILE:
+            raise InvalidProblemError(f"larger than {LARGEST_FILE // 10**6} MB; no solution is")
+        return stream.read()
+
+
+def _room(tables: Mapping[str, Array]) -> int:
+    """Bytes that the arrays of a trajectory may take unpacked: two doubles a number, and a header each."""
+    return 16 * sum(table.size for table in tables.values()) + 4096 * (len(tables) + 1)
+
+
+def read_arrays(file: Path, room: int) -> dict[str, Array]:
+    """The arrays of an npz file, which may take so many bytes; every member is read whole and its checksum checked."""
     found = {}
-    with _reading(file), zipfile.ZipFile(file) as archive:
-        for name in archive.namelist():
-            array = np.lib.format.read_array(BytesIO(archive.read(name)), allow_pickle=False)
+    with _reading(file), open_file(file) as stream, zipfile.ZipFile(stream) as archive:
+        claimed = sum(member.file_size for member in archive.infolist())
+        if claimed > room:
+            raise InvalidProblemError(
+                f"damaged: its arrays take {claimed} bytes; the trajectory in solution.json takes {room} at most"
+            )
+        for member in archive.infolist():
+            if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+                raise InvalidProblemError("damaged: packed in a way that NumPy does not use")
+            name = member.filename
+            with archive.open(
+                member
+            ) as packed:  # asked for that many bytes it unpacks no more, whatever there is
+                unpacked = packed.read(member.file_size + 1)
+            array = np.lib.format.read_array(BytesIO(unpacked), allow_pickle=False)
             if array.dtype.kind not in "iuf":
                 raise InvalidProblemError("expected numbers", path=name.removesuffix(".npy"))
             found[name.removesuffix(".npy")] = array.astype(float)
