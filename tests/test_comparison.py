@@ -385,11 +385,11 @@ def test_folders_that_are_not_ours_are_left_alone(tmp_path):
 
 def test_only_the_three_files_are_replaced(tmp_path):
     (tmp_path / "notes.txt").write_text("mine")
-    (tmp_path / "comparison.csv").write_text("old")
+    (tmp_path / "comparison.csv").write_text("name,solver,variant,old")
     write_comparison(Comparison.of([made()]), tmp_path, write_report)
     names = sorted(path.name for path in tmp_path.iterdir())
     assert names == ["comparison.csv", "comparison.json", "notes.txt", "report.html"]
-    assert (tmp_path / "comparison.csv").read_text() != "old"
+    assert (tmp_path / "comparison.csv").read_text() != "name,solver,variant,old"
 
 
 def test_animations_are_made_where_pictures_are_wanted_and_something_moves(tmp_path):

@@ -11,7 +11,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1] / "nhpocp"
 FLOORS = {
-    0: ("arrays", "calls", "deferred", "errors", "frozen", "kept", "machine", "so3", "state_space"),
+    0: ("arrays", "calls", "deferred", "errors", "frozen", "kept", "machine", "so3", "state_space", "whole"),
     1: ("systems", "controls"),
     2: ("flow", "solution", "problem", "task", "constraints", "objectives", "scales"),
     3: ("solvers",),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import io
 import json
 import os
@@ -43,7 +44,23 @@ def put(data: Any) -> None:
         text.encode(getattr(sys.stdout, "encoding", None) or "utf-8")
     except UnicodeEncodeError:
         text = json.dumps(data, indent=1, allow_nan=False)
-    click.echo(text)
+    _write_whole(text + "\n")
+
+
+def _write_whole(text: str) -> None:
+    """Text to standard output, all of it: without a buffer (`python -u`) Python drops what a pipe did not take at once,
+    as when a signal arrives."""
+    stream, raw = sys.stdout, getattr(sys.stdout, "buffer", None)
+    if not isinstance(raw, io.RawIOBase):
+        click.echo(text, nl=False)
+        return
+    stream.flush()
+    rest = memoryview(text.encode(stream.encoding, stream.errors or "strict"))
+    while rest:
+        written = raw.write(rest)
+        if written is None:
+            raise BlockingIOError(errno.EAGAIN, os.strerror(errno.EAGAIN))
+        rest = rest[written:]
 
 
 def error_data(error: BaseException, **known: Any) -> dict[str, Any]:
