@@ -263,7 +263,10 @@ MANY = {  # of one thing
         "unknown quantity",
     ),
     "wrong via poses": (GOOD + "via:\n" + "- {at: 2, position: a}\n" * 2_000, "not inside the horizon"),
-    "via poses at no time": (GOOD + "via:\n" + "- {att: 0.5, position: a}\n" * 2_000, "required key is missing"),
+    "via poses at no time": (
+        GOOD + "via:\n" + "- {att: 0.5, position: a}\n" * 2_000,
+        "required key is missing",
+    ),
     "via poses at one time": (
         GOOD + "via:\n" + "- {at: 0.5, position: [0, 0, 1]}\n" * 2_000,
         "at 0.5 already",

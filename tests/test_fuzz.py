@@ -30,3 +30,12 @@ def test_what_breaks_is_named(monkeypatch, tmp_path):
     monkeypatch.setattr(fuzz, "status", fail)
     (one,) = fuzz.fuzz(check=1, solve=0, verify=0, seed=2)
     assert "seed 2, call 0: IndexError: list index out of range" in str(one)
+
+
+@posix
+def test_the_script_says_what_it_tried(monkeypatch, capsys):
+    monkeypatch.setattr("sys.argv", ["fuzz.py", "--check", "2", "--solve", "0", "--verify", "0"])
+    with pytest.raises(SystemExit) as ended:
+        fuzz.main()
+    assert ended.value.code == 0
+    assert capsys.readouterr().out == "check 2, solve 0, verify 0, seed 0 - 0 broken\n"
