@@ -9,6 +9,7 @@ import numpy as np
 
 from nhpocp.arrays import Array
 from nhpocp.constraints import check_bounds
+from nhpocp.deferred import at_hand
 from nhpocp.flow.simulation import simulate
 from nhpocp.foreseen import contradiction, endless
 from nhpocp.kept import let_go
@@ -34,14 +35,14 @@ def solve(
     solver = solver or default_solver(problem)
     with Interruption() as interruption:
         try:
-            solution = _doubted(refused(problem, solver) or _with_pose(solver.solve(problem, progress)))
+            solution = refused(problem, solver) or _in_short(solver.solve(problem, progress))
         except KeyboardInterrupt:
             if interruption.insisted:
                 raise
             with Interruption(patient=True):  # short
                 words = "Stopped by hand before a control was found."
                 solution = _unsolved(problem, solver, Outcome.INTERRUPTED, words)
-        began = perf_counter()
+        solution, began = _doubted(_with_pose(solution)), perf_counter()
         if progress:
             progress({"k": None, "error": None, "stage": "verifying"})
         try:
@@ -55,6 +56,13 @@ def solve(
         # a class or a global that the equations read may have changed since what is kept was made
         let_go(problem.system)
     return solution.judged(verdict, perf_counter() - began)
+
+
+def _in_short(solution: Solution) -> Solution:
+    """After a stop, records of thousands of updates without what takes work to look at: nobody waits for that."""
+    if solution.outcome is not Outcome.INTERRUPTED:
+        return solution
+    return replace(solution, iterations=[at_hand(record) for record in solution.iterations])
 
 
 def _doubted(solution: Solution) -> Solution:

@@ -309,5 +309,7 @@ if __name__ == "__main__":
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--intervals", type=int, default=50)
-    parser.add_argument("--compile", choices=list(KERNELS), default="auto")  # of ours, as a problem file has it
+    parser.add_argument(
+        "--compile", choices=list(KERNELS), default="auto"
+    )  # of ours, as a problem file has it
     main(parser.parse_args())

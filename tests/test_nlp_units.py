@@ -37,7 +37,7 @@ def planned(length, time, objective):
     return planning.solve(posed(length, time, objective), solver)
 
 
-@pytest.mark.parametrize("objective", ["effort", "leg_effort", "time"])
+@pytest.mark.parametrize("objective", ["effort", "leg_effort", "path_length", "time"])
 def test_a_plan_is_the_same_in_every_unit(objective):
     middle = planned(1.0, 1.0, objective)
     assert middle.converged, middle.message
@@ -49,7 +49,7 @@ def test_a_plan_is_the_same_in_every_unit(objective):
         controls = middle.control.coefficients, other.control.coefficients * time
         np.testing.assert_allclose(controls[1], controls[0], atol=1e-6 * np.abs(controls[0]).max())
         assert other.control.horizon == pytest.approx(time * middle.control.horizon, rel=1e-6)
-        power = {"effort": (0, -1), "leg_effort": (2, -1), "time": (0, 1)}[objective]
+        power = {"effort": (0, -1), "leg_effort": (2, -1), "path_length": (1, 0), "time": (0, 1)}[objective]
         factor = length ** power[0] * time ** power[1]
         assert other.details["objective_value"] == pytest.approx(
             factor * middle.details["objective_value"], rel=1e-6

@@ -25,6 +25,7 @@ from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Outcome
 from nhpocp.solvers import interruption, workers
 from nhpocp.solvers.continuation import Continuation
+from nhpocp.solvers.evaluation import Evaluator
 from nhpocp.solvers.multi_start import MultiStart, processes
 from nhpocp.solvers.step_rules import Adaptive, Euler
 
@@ -151,6 +152,27 @@ def test_a_stop_while_functions_are_built_is_an_interrupted_solution(monkeypatch
     solution = nhpocp.solve(paper_problem(), Building())
     assert solution.outcome is Outcome.INTERRUPTED
     assert not np.any(solution.control.coefficients)
+
+
+def test_a_stop_waits_for_no_record_of_a_long_search(monkeypatch, tmp_path):
+    looked_at = []
+    whole = Evaluator.looked_at
+
+    def counted(self, evaluation):
+        looked_at.append(evaluation)
+        return whole(self, evaluation)
+
+    monkeypatch.setattr(Evaluator, "looked_at", counted)
+
+    def progress(record):
+        if record["k"] == 20:
+            signal.raise_signal(signal.SIGINT)
+
+    solution = nhpocp.solve(paper_problem(), Continuation(step_rule=Euler(gamma=1e-4)), progress)
+    assert solution.outcome is Outcome.INTERRUPTED
+    nhpocp.save_solution(solution, tmp_path / "stopped")
+    assert len(nhpocp.load_solution(tmp_path / "stopped").iterations) == 21
+    assert not looked_at
 
 
 # --- workers without a parent -----------------------------------------------------------------------------------------
