@@ -1,9 +1,11 @@
 """scripts/_environment: what it refuses, mends and installs. pip is a stub: no network."""
 
 import os
+import re
 import shutil
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -12,6 +14,7 @@ ROOT = Path(__file__).parents[1]
 # pip notes where it was asked to install; the program is there afterwards
 PIP = """
 import sys
+import tomllib
 from pathlib import Path
 if "install" in sys.argv:
     (Path(sys.prefix) / "installed").write_text(" ".join(sys.argv))
@@ -176,17 +179,40 @@ def test_another_place_may_be_named_from_the_root(clone):
     assert not (clone / ".venv").exists()
 
 
-@pytest.mark.parametrize("status", [0, 1])
-def test_the_whole_check_removes_its_environment_and_keeps_the_status(status, clone):
+@pytest.mark.parametrize(("lowest", "newest"), [(0, 0), (1, 0), (0, 1)])
+def test_the_whole_check_removes_its_environments_and_fails_if_either_fails(lowest, newest, clone):
     (clone / ".ci").mkdir()
     shutil.copy(ROOT / ".ci" / "run", clone / ".ci")
     program(clone / "bin" / "chromium", "#!/bin/sh\n")  # none is looked for
-    program(
-        clone / "scripts" / "test",
-        f'#!/bin/sh\nmkdir -p "$NHPOCP_VENV"\necho {status} failed\nexit {status}\n',
-    )
+    for name, status in (("test_lowest", lowest), ("test", newest)):
+        text = f'#!/bin/sh\nmkdir "$NHPOCP_VENV"\necho {name}: {status} failed\nexit {status}\n'
+        program(clone / "scripts" / name, text)
     (clone / "tmp").mkdir()
     variables = {"TMPDIR": str(clone / "tmp"), "PATH": f"{clone / 'bin'}:{os.environ['PATH']}"}
     run = subprocess.run([clone / ".ci" / "run"], env=variables, capture_output=True, text=True, timeout=60)
-    assert (run.returncode, run.stdout, run.stderr) == (status, f"{status} failed\n", "")
+    assert (run.returncode, run.stderr) == (max(lowest, newest), "")
+    assert run.stdout == f"test_lowest: {lowest} failed\ntest: {newest} failed\n"
     assert list((clone / "tmp").iterdir()) == []
+
+
+# --- versions --------------------------------------------------------------------------------------------------------
+
+
+def pins(name):
+    lines = (ROOT / "scripts" / name).read_text(encoding="utf-8").splitlines()
+    return dict(re.fullmatch(r"([\w.-]+)==([\w.]+)", line).groups() for line in lines)
+
+
+def test_the_lowest_versions_that_are_tested_are_those_that_are_stated():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    stated = dict(re.match(r"([\w.-]+)>=([\w.]+)", line).groups() for line in project["dependencies"])
+    assert len(stated) == len(project["dependencies"])
+    lowest = {name.lower(): version for name, version in pins("constraints-lowest.txt").items()}
+    assert {name: lowest[name] for name in stated} == stated
+
+
+def test_the_same_tools_test_both():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    tools = [re.match(r"[\w.-]+", line).group() for line in project["optional-dependencies"]["test"]]
+    lowest, newest = pins("constraints-lowest.txt"), pins("constraints.txt")
+    assert {name: lowest[name] for name in tools} == {name: newest[name] for name in tools}
