@@ -63,8 +63,10 @@ def plan_many(
         try:
             for chunk in chunks:
                 with Interruption() as interruption:
-                    plans = awaited(chunk, interruption)
+                    plans, wrong = awaited(chunk, interruption)
                 yield from plans
+                if wrong:
+                    raise wrong
         finally:
             for chunk in chunks:
                 chunk.cancel()
@@ -93,6 +95,14 @@ def _planned(problem: PlanningProblem, goals: Sequence[Mapping[str, Any]], solve
         raise wrong
 
 
-def _planned_elsewhere(payload: bytes, goals: Sequence[Mapping[str, Any]]) -> list[Plan]:
+def _planned_elsewhere(
+    payload: bytes, goals: Sequence[Mapping[str, Any]]
+) -> tuple[list[Plan], InvalidProblemError | None]:
+    """The plans before the first goal that is none, and what is wrong with that one."""
     problem, solver = unpacked(payload)
-    return list(_planned(problem, goals, solver))
+    plans: list[Plan] = []
+    try:
+        plans.extend(_planned(problem, goals, solver))
+    except InvalidProblemError as error:
+        return plans, error
+    return plans, None

@@ -26,7 +26,7 @@ from nhpocp.solvers.interruption import Interruption
 
 SCHEMA_VERSION = 1
 VARIANTS = ("jacobian", "nlp")
-# what a solver can stumble over that is no mistake of ours: a failed row, so that the other runs go on
+# what a solver can stumble over that is no mistake of ours: its message is enough
 FAILURES = (NhpocpError, RuntimeError, ArithmeticError, np.linalg.LinAlgError, MemoryError)
 
 
@@ -179,8 +179,8 @@ def compare(
 ) -> Comparison:
     """Solves every problem by its own solvers of these names, and every `Run` as it stands.
 
-    ``finished(solution, run)`` is called as soon as a run ends, to store it, and returns where. A problem that a solver
-    cannot take is a failed entry; Ctrl-C ends the comparison with what there is.
+    ``finished(solution, run)`` is called as soon as a run ends, to store it, and returns where. A run that fails, in
+    whatever way, is a failed entry, and one that cannot be stored a note; Ctrl-C ends it with what there is.
     """
     runs = [
         run
@@ -188,15 +188,22 @@ def compare(
         for run in ([item] if isinstance(item, Run) else [_own(item, name) for name in variants])
     ]
     entries: list[Entry] = []
+    notes: list[str] = []
     with Interruption() as interruption, suppress(KeyboardInterrupt):
         for i, run in enumerate(runs, 1):
             interruption.check()
             solution = _solved(run, telling(progress, run=i, runs=len(runs)))
             interruption.patient = True  # what is found is kept
-            entries.append(Entry(solution, run.variant, finished(solution, run) if finished else None))
+            folder = None
+            try:
+                folder = finished(solution, run) if finished else None
+            except (NhpocpError, OSError, MemoryError) as error:
+                notes.append(f"{run.problem.name} by {run.variant} could not be stored: {_reason(error)}.")
+            entries.append(Entry(solution, run.variant, folder))
             interruption.patient = False
     missing = [f"{run.problem.name} by {run.variant}" for run in runs[len(entries) :]]
-    return Comparison(entries, [f"Stopped by hand; not run: {', '.join(missing)}."] if missing else [])
+    notes += [f"Stopped by hand; not run: {', '.join(missing)}."] if missing else []
+    return Comparison(entries, notes)
 
 
 def _own(problem: PlanningProblem, name: str) -> Run:
@@ -223,7 +230,7 @@ def _solved(run: Run, progress: Progress | None) -> Solution:
     began = perf_counter()
     try:
         solution = planning.solve(run.problem, run.solver, told)
-    except FAILURES as error:
+    except Exception as error:  # noqa: BLE001 - whatever it is, neither other runs nor the report are lost for it
         solution = _failure(run, error, perf_counter() - began)
     note = {
         "variant": run.variant,
@@ -233,10 +240,18 @@ def _solved(run: Run, progress: Progress | None) -> Solution:
     return replace(solution, details={**solution.details, "comparison": note})
 
 
+def _reason(error: Exception) -> str:
+    """An error in a sentence; one that nobody has foreseen says its kind too."""
+    said = getattr(error, "message", None) or str(error).strip()
+    if not said or isinstance(error, (*FAILURES, OSError)):
+        return said or type(error).__name__
+    return f"{type(error).__name__}: {said}"
+
+
 def _failure(run: Run, error: Exception, seconds: float) -> Solution:
     """A solution that says why there is none; its control stands still."""
     problem = run.problem
-    reason = getattr(error, "message", None) or str(error).strip() or type(error).__name__
+    reason = _reason(error)
     zeros = np.zeros((problem.system.input_space.size, problem.basis.size))
     control = problem.control(zeros, starting_horizon(problem))
     motion = simulate(problem, control)

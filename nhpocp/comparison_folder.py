@@ -4,8 +4,6 @@ motions of one problem together in `<name>/animation.html`."""
 from __future__ import annotations
 
 import json
-import os
-import tempfile
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -21,9 +19,14 @@ from nhpocp.solution import Solution
 from nhpocp.solution_folder import audit, check_target, folder_name, is_solution_folder
 from nhpocp.solution_folder.auditing import Audit
 from nhpocp.solution_folder.pictures import attempted
-from nhpocp.solution_folder.target import COMPARISON
+from nhpocp.solution_folder.target import COMPARISON, require_own
+from nhpocp.whole import bench, write_file
 
 ANIMATION = "animation.html"
+TEXT = {
+    "encoding": "utf-8",
+    "errors": "backslashreplace",
+}  # names of folders need not be text; JSON reads them again
 Report = Callable[[Comparison, Path, Mapping[str, str]], Any]
 Animate = Callable[[Sequence[Entry], Path], Any]
 
@@ -55,17 +58,19 @@ def plan(problems: Sequence[PlanningProblem], variants: Sequence[str], home: Pat
     return runs
 
 
-def check_home(home: Path) -> None:
-    """Makes the folder of the report. Errors: `InvalidProblemError` where it cannot be written to."""
+def check_home(home: Path, names: Iterable[str]) -> None:
+    """Makes the folder of the report on the problems of these names.
+
+    Errors: `InvalidProblemError` where it cannot be written to, and for a file in the report's place, or an
+    animation's, that nhpocp did not write.
+    """
     try:
-        home.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=home):
+        with bench(home):
             pass
     except OSError as error:
         raise InvalidProblemError(f"cannot write here: {error.strerror}", file=str(home)) from error
-    for name in COMPARISON:
-        if (home / name).is_dir():
-            raise InvalidProblemError("a folder stands where the report goes", file=str(home / name))
+    for file in (*COMPARISON, *(f"{folder_name(name)}/{ANIMATION}" for name in names)):
+        require_own(home / file)
 
 
 @dataclass(frozen=True)
@@ -90,14 +95,12 @@ def write_comparison(
     what is missing of the runs already. The numbers come first: Ctrl-C ends the drawing.
     Errors: `InvalidProblemError` where they cannot be written; animations for which there is no room are missing.
     """
-    check_home(home)
+    check_home(home, [group.title for group in comparison.groups])
     lost = list(missing)
 
     def numbers(file: Path) -> None:
         data = {**comparison.to_json(), "warnings": [*comparison.notes, *lost]}
-        file.write_text(
-            json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8"
-        )
+        file.write_text(json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False) + "\n", **TEXT)
 
     def page(file: Path) -> None:
         report(comparison, file, animations)
@@ -105,7 +108,7 @@ def write_comparison(
     _write_or_refuse(home / "comparison.json", numbers)
     _write_or_refuse(
         home / "comparison.csv",
-        lambda file: file.write_text(comparison.to_csv(), encoding="utf-8", newline=""),
+        lambda file: file.write_text(comparison.to_csv(), newline="", **TEXT),
     )
     animations = _write_animations(comparison, home, animate, lost) if animate else {}
     files = [home / name for name in (*COMPARISON, *animations.values())]
@@ -125,7 +128,7 @@ def _write_animations(
     found = {}
 
     def write(group: Group, place: str) -> None:
-        if _write_whole(home / place, partial(animate, group.entries)):
+        if write_file(home / place, partial(animate, group.entries)):
             found[group.title] = place
 
     for group in comparison.groups:
@@ -137,23 +140,9 @@ def _write_animations(
 
 def _write_or_refuse(file: Path, write: Callable[[Path], Any]) -> None:
     try:
-        _write_whole(file, write)
+        write_file(file, write)
     except OSError as error:
         raise InvalidProblemError(f"cannot write here: {error.strerror}", file=str(file)) from error
-
-
-def _write_whole(file: Path, write: Callable[[Path], Any]) -> bool:
-    """A file whole or not at all; whether there was anything to write."""
-    scratch = file.with_name(f".{file.name}.{os.getpid()}")
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        write(scratch)
-        written = scratch.exists()
-        if written:
-            scratch.replace(file)
-    finally:
-        scratch.unlink(missing_ok=True)
-    return written
 
 
 def load_comparison(places: Iterable[Path]) -> Comparison:

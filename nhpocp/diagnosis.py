@@ -6,7 +6,7 @@ from typing import Any
 
 import casadi as ca
 
-from nhpocp.flow.kernel_cache import cached
+from nhpocp.flow.kernel_folder import cached
 from nhpocp.machine import environment
 from nhpocp.problem_file.registry import SYSTEMS, every_class
 from nhpocp.solvers.interruption import Interruption

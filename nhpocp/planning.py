@@ -185,10 +185,12 @@ def _unsolved(problem: PlanningProblem, solver: Solver, outcome: Outcome, messag
     motion = simulate(problem, control)
     space = problem.system.state_space
     end = np.asarray(space.pack({name: motion.trajectory[name][-1] for name in space.names}))
+    settings = solver.settings()
     return Solution(
         problem=problem,
         solver=solver.name,
-        settings=solver.settings(),
+        settings=settings,
+        objective=settings.get("objective", problem.objective),
         tolerance=solver.tolerance,
         outcome=outcome,
         message=message,

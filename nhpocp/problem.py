@@ -15,7 +15,7 @@ from nhpocp.controls.basis import ControlBasis
 from nhpocp.controls.control import Control
 from nhpocp.controls.fourier import Fourier
 from nhpocp.errors import InvalidProblemError
-from nhpocp.frozen import FixedDict, Frozen
+from nhpocp.frozen import FixedDict, Frozen, fixed
 from nhpocp.objectives import available
 from nhpocp.scales import Scales, natural_scales
 from nhpocp.state_space import Block, StateSpace
@@ -257,13 +257,15 @@ class PlanningProblem(Frozen):
     @cached_property
     def start_point(self) -> Array:
         """The start as a packed point (size,)."""
-        return np.asarray(self.system.state_space.pack(self.start), dtype=float)
+        point: Array = fixed(np.asarray(self.system.state_space.pack(self.start), dtype=float))
+        return point
 
     @cached_property
     def goal_point(self) -> Array:
         """The goal as a packed point; free blocks keep the start's value (and have weight 0)."""
         values = {name: self.goal.get(name, value) for name, value in self.start.items()}
-        return np.asarray(self.system.state_space.pack(values), dtype=float)
+        point: Array = fixed(np.asarray(self.system.state_space.pack(values), dtype=float))
+        return point
 
     @cached_property
     def tasks(self) -> tuple[Task, ...]:

@@ -125,6 +125,11 @@ ENDINGS = {
         paper_problem(bounds=[Bound("leg_length", "leg_lengths", 20.0, 30.0)]),
         Continuation(),
     ),
+    "goal out of bounds of the NLP": (
+        paper_problem(bounds=[Bound("leg_length", "leg_lengths", 20.0, 30.0)]),
+        _few(20),
+    ),
+    "endless": (paper_problem(horizon=Horizon(1.0, 0.5, None)), _few(20)),
     "free horizon": (paper_problem(horizon=Horizon(1.0, 0.5, 2.0), objective="time"), _few(20)),
     "starts of the NLP": (paper_problem(), replace(_few(30), starts=2)),
 }
@@ -135,6 +140,13 @@ def test_no_ending_states_what_is_not_found_again(ending, tmp_path):
     problem, solver = ENDINGS[ending]
     solution = planning.solve(replace(problem, samples=21), solver)
     assert audit(save_solution(solution, tmp_path / "out")).differences == []
+
+
+def test_an_objective_that_nothing_was_tried_for_may_be_missing(tmp_path):
+    problem, solver = ENDINGS["goal out of bounds of the NLP"]
+    foreseen = planning.solve(replace(problem, samples=21), solver)
+    assert foreseen.objective == "effort"
+    assert audit(save_solution(replace(foreseen, objective="none"), tmp_path / "out")).differences == []
 
 
 def test_an_interrupted_or_unverified_solve_states_nothing_else(tmp_path):

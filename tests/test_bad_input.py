@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import contextlib
+import re
 from pathlib import Path
 
 import pytest
@@ -11,7 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nhpocp.errors import InvalidProblemError
-from nhpocp.problem_file import load_problem, read, read_text
+from nhpocp.problem_file import issues, load_problem, read, read_text
+from nhpocp.problem_file.schema import SAME_TIME, _at_once
 
 GOOD = """\
 nhpocp: 1
@@ -144,7 +146,7 @@ TEXTS = [
         + "".join(f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 10)}]\n" for i in range(1, 30)),
         5,
         None,
-        "expands to more than 100000 values",
+        "expands to more than 50000 keys and values",
     ),
     ('a: "\\UFFFFFFFF"\n', None, None, "this is not YAML"),
     ("x" * 1_000_001, None, None, "larger than 1 MB"),
@@ -246,3 +248,60 @@ def test_no_damage_to_the_text_escapes_as_a_foreign_exception(place, removed, in
 def test_no_text_escapes_as_a_foreign_exception(text) -> None:
     with pytest.raises(InvalidProblemError):
         read_text(text)
+
+
+MANY = {  # of one thing
+    "unknown keys": (GOOD + "".join(f"k{i}: 1\n" for i in range(2_000)), "unknown key"),
+    "unknown blocks": (
+        GOOD.replace("start: {", "start: {" + "".join(f"k{i}: 1, " for i in range(2_000))),
+        "unknown key",
+    ),
+    "unknown bounds": (
+        GOOD.replace(
+            "leg_length: [20, 60]", "state: {" + "".join(f"k{i}: [0, 1], " for i in range(2_000)) + "}"
+        ),
+        "unknown quantity",
+    ),
+    "wrong via poses": (GOOD + "via:\n" + "- {at: 2, position: a}\n" * 2_000, "not inside the horizon"),
+    "via poses at no time": (GOOD + "via:\n" + "- {att: 0.5, position: a}\n" * 2_000, "required key is missing"),
+    "via poses at one time": (
+        GOOD + "via:\n" + "- {at: 0.5, position: [0, 0, 1]}\n" * 2_000,
+        "at 0.5 already",
+    ),
+    "via poses out of order": (
+        GOOD + "via:\n" + "".join(f"- {{at: 0.{9_999 - i}, position: a}}\n" for i in range(2_000)),
+        "expected",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", MANY)
+def test_the_work_on_mistakes_grows_with_their_number_alone(name, monkeypatch) -> None:
+    """Names are compared for the one that is told, and keys and times are looked up, not searched for."""
+    text, words = MANY[name]
+    compared, match = [], issues.difflib.get_close_matches
+    monkeypatch.setattr(
+        issues.difflib,
+        "get_close_matches",
+        lambda *given, **how: compared.append(given) or match(*given, **how),
+    )
+    error = refusal(text)
+    assert words in error.message
+    assert re.search(r"\(and \d{4,} more\)$", error.message)
+    assert len(compared) <= 2_001  # a guess for a missing key beside an unknown one, in each mapping
+
+
+def test_a_long_list_of_keys_is_refused_like_one_of_values() -> None:
+    for text in ("a: {" + ", ".join(f"k{i}: 1" for i in range(30_000)) + "}", "a: [" + "1," * 60_000 + "]"):
+        assert "expands to more than 50000 keys and values" in refusal(text).message
+
+
+def test_via_poses_at_the_time_of_an_earlier_one_are_found_in_any_order() -> None:
+    close, apart = SAME_TIME * 0.9, SAME_TIME * 1.1
+    for times, found in (
+        ([0.5, 0.2, 0.5 + close], [2]),
+        ([0.5, 0.5 - close, 0.5 + apart], [1]),
+        ([0.3, 0.1, 0.2, 0.1, 0.3, 0.3], [3, 4, 5]),
+        ([0.1, 0.1 + apart, 0.1 - apart], []),
+    ):
+        assert [issue.path[0] for issue in _at_once(times)] == found

@@ -1,7 +1,8 @@
 """Many goals at once: the same plans as one by one, in order, here or in other processes."""
 
 import multiprocessing
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
@@ -72,6 +73,21 @@ def test_no_goal_at_all_is_an_error_that_says_so(task):
     assert next(plans).outcome is Outcome.CONVERGED
     with pytest.raises(nhpocp.InvalidProblemError, match="goal"):
         next(plans)
+
+
+@pytest.mark.parametrize("where", [None, ThreadPoolExecutor, ProcessPoolExecutor])
+def test_plans_before_a_bad_goal_are_given_wherever_they_are_made(task, where):
+    problem, goals = task
+    solver = Continuation(step_rule=Adaptive())
+    series = [*goals[:5], {"place": [0, 0, 1]}, goals[0]]
+    context = {"mp_context": multiprocessing.get_context("spawn")} if where is ProcessPoolExecutor else {}
+    with where(1, **context) if where else nullcontext() as executor:
+        plans = nhpocp.plan_many(problem, series, solver, executor=executor)
+        for _ in range(5):
+            assert next(plans).outcome is Outcome.CONVERGED
+        with pytest.raises(nhpocp.InvalidProblemError, match="goal") as caught:
+            next(plans)
+    assert "place" in str(caught.value)
 
 
 def test_none_together_is_refused(task):

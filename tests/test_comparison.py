@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 from conftest import Integrators, paper_problem
 
+from nhpocp.cli.entry import status
 from nhpocp.comparison import Comparison, Entry, Run, compare
 from nhpocp.comparison_folder import load_comparison, plan, write_comparison
 from nhpocp.controls.control import Control
@@ -236,7 +237,20 @@ def raising(error: BaseException) -> Scripted:
     return Scripted(fail)
 
 
-@pytest.mark.parametrize("error", [InvalidProblemError("not for me"), RuntimeError("CasADi"), MemoryError()])
+@pytest.mark.parametrize(
+    "error",
+    [
+        InvalidProblemError("not for me"),
+        RuntimeError("CasADi"),
+        MemoryError(),
+        TypeError("int + NoneType"),
+        IndexError("list index out of range"),
+        AssertionError(),
+        OSError(28, "No space left on device"),
+        StopIteration(),
+    ],
+    ids=lambda error: type(error).__name__,
+)
 def test_what_a_solver_cannot_take_is_a_failed_row(error):
     good = Scripted(lambda problem: made(ok=None, problem=problem))
     found = compare([Run(line(), raising(error), "one"), Run(line(), good, "two")])
@@ -244,6 +258,23 @@ def test_what_a_solver_cannot_take_is_a_failed_row(error):
     assert (first["outcome"], first["converged"], first["claim_right"]) == ("solver_error", False, None)
     assert str(error) in first["reason"]
     assert second["converged"] is True
+    assert not found.all_converged
+
+
+@pytest.mark.parametrize(
+    "error", [InvalidProblemError("cannot write here"), OSError(28, "No space left on device")]
+)
+def test_a_run_that_cannot_be_stored_is_a_note(error):
+    def store(solution: Solution, run: Run) -> str:
+        if run.variant == "one":
+            raise error
+        return "there"
+
+    good = Scripted(lambda problem: made(ok=None, problem=problem))
+    found = compare([Run(line(), good, "one"), Run(line(), good, "two")], finished=store)
+    assert [entry.folder for entry in found.entries] == [None, "there"]
+    (note,) = found.notes
+    assert note.startswith("line by one could not be stored: ")
     assert not found.all_converged
 
 
@@ -354,11 +385,11 @@ def test_folders_that_are_not_ours_are_left_alone(tmp_path):
 
 def test_only_the_three_files_are_replaced(tmp_path):
     (tmp_path / "notes.txt").write_text("mine")
-    (tmp_path / "comparison.csv").write_text("old")
+    (tmp_path / "comparison.csv").write_text("name,solver,variant,old")
     write_comparison(Comparison.of([made()]), tmp_path, write_report)
     names = sorted(path.name for path in tmp_path.iterdir())
     assert names == ["comparison.csv", "comparison.json", "notes.txt", "report.html"]
-    assert (tmp_path / "comparison.csv").read_text() != "old"
+    assert (tmp_path / "comparison.csv").read_text() != "name,solver,variant,old"
 
 
 def test_animations_are_made_where_pictures_are_wanted_and_something_moves(tmp_path):
@@ -459,6 +490,25 @@ def test_bad_input_is_status_2_and_leaves_nothing(arguments, tmp_path):
     assert json.loads(done.stdout)["error"]["message"]
     assert "Traceback" not in done.stderr
     assert not list(tmp_path.iterdir())
+
+
+def test_the_report_is_written_whatever_one_run_raises(tmp_path, monkeypatch, capsys):
+    def fail(*_: Any) -> Solution:
+        raise TypeError("unsupported operand")
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(Continuation, "solve", fail)
+    file = str(PROBLEMS / "unicycle.yaml")
+    assert status(["compare", file, "--set", "output.pictures=false", "--json"]) == 1
+    rows = json.loads(capsys.readouterr().out)["runs"]
+    assert [(row["variant"], row["outcome"]) for row in rows] == [
+        ("jacobian", "solver_error"),
+        ("nlp", "converged"),
+    ]
+    assert "TypeError: unsupported operand" in rows[0]["reason"]
+    assert "TypeError: unsupported operand" in (tmp_path / "results" / "report.html").read_text(
+        encoding="utf-8"
+    )
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals")

@@ -169,7 +169,8 @@ def test_no_part_of_a_problem_can_be_changed(again):
     ):
         with pytest.raises(FrozenError, match="make a new object"):
             change()
-    for array in (problem.start["position"], problem.goal["orientation"], problem.bounds[0].upper):
+    ends = (problem.start_point, problem.goal_point, problem.towards(problem.goal).goal_point)
+    for array in (problem.start["position"], problem.goal["orientation"], problem.bounds[0].upper, *ends):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 1.0
     assert problem.with_(samples=11).samples == nhpocp.replace(problem, samples=11).samples == 11

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import fcntl
+import io
+import json
 import os
 import pty
 import re
@@ -12,6 +14,7 @@ import signal
 import struct
 import sys
 import termios
+import threading
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -23,6 +26,7 @@ from nhpocp import planning
 from nhpocp.cli.entry import cli
 from nhpocp.cli.progress import Panel, duration, progress, sparkline
 from nhpocp.cli.summary import comparison_lines, next_commands, report, task
+from nhpocp.cli.terminal import put
 from nhpocp.comparison import Comparison, Entry, compare
 from nhpocp.deferred import Deferred
 from nhpocp.problem_file import load_problem, read
@@ -289,3 +293,31 @@ def test_every_outcome_has_commands_that_can_be_typed(outcome, solved):
 def test_commands_know_their_verbs():
     with pytest.raises(click.UsageError):
         cli.commands["verify"].make_context("verify", ["x", "--set", "a=b"])
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals")
+def test_a_signal_cuts_no_document_of_an_unbuffered_output(monkeypatch):
+    """`python -u` writes to the pipe itself, which takes 64 kB at a time and less when a signal arrives."""
+    reading, writing = os.pipe()
+    main, received = threading.main_thread().ident, []
+
+    def read():
+        time.sleep(0.3)  # until the pipe is full
+        signal.pthread_kill(main, signal.SIGUSR1)
+        time.sleep(0.1)
+        with open(reading, "rb") as stream:
+            received.append(stream.read())
+
+    before = signal.signal(signal.SIGUSR1, lambda *_: None)
+    reader = threading.Thread(target=read)
+    reader.start()
+    data = {"words": "ü" * 200_000}
+    try:
+        with io.TextIOWrapper(io.FileIO(writing, "w"), encoding="utf-8", write_through=True) as stream:
+            monkeypatch.setattr(sys, "stdout", stream)
+            put(data)
+            monkeypatch.undo()
+        reader.join()
+    finally:
+        signal.signal(signal.SIGUSR1, before)
+    assert json.loads(received[0]) == data

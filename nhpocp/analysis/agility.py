@@ -104,28 +104,28 @@ class EndPointAnalysis:
 def end_point_analysis(
     system: System, control: Control, start: Array, length: float, tolerance: float
 ) -> EndPointAnalysis | None:
-    """The Jacobian over the control's basis and the Gram matrix; None where the path is not finite."""
+    """The Jacobian over the control's basis and the Gram matrix; None where they are not finite."""
     scales = Scales(length, control.horizon)
     asked = system, control.basis, control.horizon
     integrator = resolving(RungeKutta4(STEPS), control.basis)
     the_map = DifferentiatedEndPointMap(*asked, start, integrator)
-    with np.errstate(over="ignore", invalid="ignore"):
-        jacobian = the_map(control.coefficients).jacobian
-        gram = gram_matrix(*asked, integrator, start, control.coefficients)
-    if not (np.isfinite(jacobian).all() and np.isfinite(gram).all()):
-        return None
     rows = scales.rows(system)
     columns = np.repeat(scales.units(system.input_space.tangent_units), control.basis.size)
-    scaled, labels = rows[:, None] * jacobian * columns, tuple(system.state_space.tangent_labels)
-    agility = Ellipsoid.of_gram(gram * np.outer(rows, rows), labels)
-    return EndPointAnalysis(control, scaled, Spectrum.of(scaled, tolerance), agility)
+    with np.errstate(over="ignore", invalid="ignore"):
+        jacobian = rows[:, None] * the_map(control.coefficients).jacobian * columns
+        gram = gram_matrix(*asked, integrator, start, control.coefficients) * np.outer(rows, rows)
+    if not (np.isfinite(jacobian).all() and np.isfinite(gram).all()):
+        return None
+    agility = Ellipsoid.of_gram(gram, tuple(system.state_space.tangent_labels))
+    return EndPointAnalysis(control, jacobian, Spectrum.of(jacobian, tolerance), agility)
 
 
 def velocities(system: System, point: Array, length: float) -> Ellipsoid | None:
     """The velocities of unit controls at a point, G(x) q with |q| ≤ 1; None where G is not finite."""
     scales = Scales(length, 1.0)
-    fields = np.asarray(system.vector_fields(point), dtype=float)
+    with np.errstate(over="ignore", invalid="ignore"):
+        fields = np.asarray(system.vector_fields(point), dtype=float)
+        fields = scales.rows(system)[:, None] * fields * scales.units(system.input_space.tangent_units)
     if not np.isfinite(fields).all():
         return None
-    fields = scales.rows(system)[:, None] * fields * scales.units(system.input_space.tangent_units)
     return Ellipsoid.of_map(fields, tuple(system.state_space.tangent_labels))

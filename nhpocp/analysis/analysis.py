@@ -173,6 +173,8 @@ def analyze(
     end_point = None
     if control and followed and followed.stopped is None:
         end_point = end_point_analysis(system, control, problem.start_point, scale, tolerance)
+        if end_point is None:
+            notes.append(f"the end point's Jacobian overflows, in lengths of {scale:.4g}")
     if followed and followed.stopped:
         notes.append(f"the path of the initial guess ends at t = {followed.reached:.4g}: {followed.stopped}")
     return Analysis(
@@ -186,7 +188,7 @@ def analyze(
         _map(
             problem, spans, *_base(at, states, followed), np.vstack([ends, *([path.states] if path else [])])
         ),
-        mobility(system, problem.start_point) if isinstance(system, ParallelRobot) else None,
+        _mobility(problem, notes),
         notes,
     )
 
@@ -201,6 +203,17 @@ def _ends(problem: PlanningProblem) -> tuple[dict[str, tuple[Array, str]], list[
     else:
         notes.append("the goal fixes no part of the state; only the start is looked at")
     return found, notes
+
+
+def _mobility(problem: PlanningProblem, notes: list[str]) -> Mobility | None:
+    """Of a parallel robot at the start; a note where there is none to be had."""
+    if not isinstance(problem.system, ParallelRobot):
+        return None
+    try:
+        return mobility(problem.system, problem.start_point)
+    except InvalidProblemError as error:
+        notes.append(f"no mobility: {error.message}")
+        return None
 
 
 def _guess(problem: PlanningProblem) -> tuple[Control | None, str]:

@@ -173,9 +173,11 @@ class Fields:
     def margin(self, points: Array, degree: int, rank: int) -> Array:
         """σ_rank/σ_1 of the brackets up to a degree at points (k, size), (k,); NaN where they are not finite."""
         found = np.full(len(points), np.nan)
+        if not rank:  # no brackets were finite
+            return found
         values = self.at(points, degree)
         good = np.isfinite(values).all(axis=(1, 2))
-        if rank and good.any():
+        if good.any():
             spectra = np.linalg.svd(values[good], compute_uv=False)
             found[good] = spectra[:, rank - 1] / np.maximum(spectra[:, 0], 1e-300)
         return found

@@ -13,6 +13,7 @@ from nhpocp.cli.options import json_option
 from nhpocp.cli.progress import counter
 from nhpocp.cli.terminal import put
 from nhpocp.errors import InvalidProblemError
+from nhpocp.whole import write_file
 
 if TYPE_CHECKING:
     from nhpocp.comparison import Entry
@@ -110,12 +111,7 @@ def _writer(kind: str, entries: Sequence[Entry], show: Any) -> Callable[[Path], 
 
 
 def _write(file: Path, write: Callable[[Path], Any]) -> None:
-    """The file whole or not at all."""
-    scratch = file.with_name(f".{file.stem}.{os.getpid()}{file.suffix}")
     try:
-        write(scratch)
-        scratch.replace(file)
+        write_file(file, write)
     except OSError as error:
         raise InvalidProblemError(f"cannot write here: {error.strerror or error}", file=str(file)) from error
-    finally:
-        scratch.unlink(missing_ok=True)

@@ -11,6 +11,7 @@ import os
 import signal
 import sys
 import threading
+import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from types import FrameType
@@ -21,7 +22,7 @@ import click
 from nhpocp.cli.analyzing import analyze
 from nhpocp.cli.animating import animate
 from nhpocp.cli.starting import init, schema
-from nhpocp.cli.terminal import error_data, put, say
+from nhpocp.cli.terminal import error_data, open_streams, put, say
 from nhpocp.cli.verbs import BAD_INPUT, MISSING_PART, NOT_SOLVED, SOLVED, cli
 from nhpocp.errors import MissingDependencyError, NhpocpError
 
@@ -36,6 +37,9 @@ def main() -> None:
     # pydantic would look through every installed package for plugins, a tenth of the time of `check`
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     logging.getLogger("matplotlib").setLevel(logging.ERROR)  # where it keeps its fonts is nobody's worry
+    # NumPy's warnings of overflow: what they led to is said in words, and beside --json they would be noise
+    warnings.simplefilter("ignore", RuntimeWarning)
+    open_streams()
     gc.set_threshold(100_000)  # looking for circles of garbage at every turn took a tenth of `solve`
     arguments = sys.argv[1:]
     if "--debug" in arguments:  # wherever it stands

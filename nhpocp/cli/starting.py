@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 
 import click
@@ -10,6 +11,7 @@ import click
 from nhpocp.cli.options import json_option
 from nhpocp.cli.terminal import put, say
 from nhpocp.errors import InvalidProblemError
+from nhpocp.whole import write_text
 
 SCHEMA = "nhpocp.schema.json"
 
@@ -34,7 +36,7 @@ def schema(output: Path | None, as_json: bool) -> int:
         return 0
     if output.exists() and not _is_schema(output):
         raise InvalidProblemError("this is no schema of nhpocp and is left alone", file=str(output))
-    _write(output, _text(), "w")
+    _write(output.resolve(), _text())  # a link that is named here is kept
     if as_json:
         put({"schema": str(output)})
     else:
@@ -57,14 +59,16 @@ def init(file: Path, model: str, as_json: bool) -> int:
         raise InvalidProblemError(
             "this is the schema's name; name another, such as problem.yaml", file=str(file)
         )
-    _write(file, starter(model, SCHEMA), "x")
-    text = _text()
-    if not beside.exists():
-        _write(beside, text, "x")
+    content, text = starter(model, SCHEMA), _text()
+    if os.path.lexists(file):
+        raise _exists(file)
+    if not os.path.lexists(beside):  # first, so that a run that fails here can be repeated
+        _write(beside, text, new=True)
     elif not beside.is_file() or beside.read_text(encoding="utf-8", errors="replace") != text:
         say(
             f"{beside}: not this version's schema, and left alone; `nhpocp schema -o {beside}` renews an older one"
         )
+    _write(file, content, new=True)
     if as_json:
         put({"file": str(file), "schema": str(beside)})
     else:
@@ -87,14 +91,14 @@ def _is_schema(path: Path) -> bool:
     return isinstance(found, dict) and found.get("$id") == SCHEMA
 
 
-def _write(path: Path, text: str, mode: str) -> None:
+def _write(path: Path, text: str, *, new: bool = False) -> None:
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with path.open(mode, encoding="utf-8") as target:
-            target.write(text)
+        write_text(path, text, new=new)
     except FileExistsError:
-        raise InvalidProblemError(
-            "this file exists and is left alone; name another", file=str(path)
-        ) from None
+        raise _exists(path) from None
     except OSError as error:
         raise InvalidProblemError(f"cannot write here: {error.strerror}", file=str(path)) from error
+
+
+def _exists(path: Path) -> InvalidProblemError:
+    return InvalidProblemError("this file exists and is left alone; name another", file=str(path))

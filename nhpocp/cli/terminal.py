@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import errno
+import io
 import json
+import os
+import sys
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -11,14 +15,52 @@ if TYPE_CHECKING:
     from nhpocp.solution import Verdict
 
 
+def open_streams() -> None:
+    """Streams that take whatever is written to them, of this process and of those that it starts.
+
+    One that was closed (`2>&-`) leads nowhere; without that its number would go to the first file opened, and messages
+    into it. What an encoding lacks is written as an escape.
+    """
+    while (number := os.open(os.devnull, os.O_RDWR)) <= 2:
+        os.set_inheritable(number, True)
+    os.close(number)
+    for name, number in (("stdout", 1), ("stderr", 2)):
+        stream = getattr(sys, name)
+        if stream is None:
+            setattr(sys, name, io.TextIOWrapper(io.FileIO(number, "w", closefd=False), encoding="utf-8"))
+        elif isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+
+
 def say(text: str) -> None:
     """A message for people, on standard error."""
     click.echo(text, err=True)
 
 
 def put(data: Any) -> None:
-    """The one JSON document of --json, on standard output."""
-    click.echo(json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False))
+    """The one JSON document of --json, on standard output; with JSON's escapes where the encoding lacks something."""
+    text = json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False)
+    try:
+        text.encode(getattr(sys.stdout, "encoding", None) or "utf-8")
+    except UnicodeEncodeError:
+        text = json.dumps(data, indent=1, allow_nan=False)
+    _write_whole(text + "\n")
+
+
+def _write_whole(text: str) -> None:
+    """Text to standard output, all of it: without a buffer (`python -u`) Python drops what a pipe did not take at once,
+    as when a signal arrives."""
+    stream, raw = sys.stdout, getattr(sys.stdout, "buffer", None)
+    if not isinstance(raw, io.RawIOBase):
+        click.echo(text, nl=False)
+        return
+    stream.flush()
+    rest = memoryview(text.encode(stream.encoding, stream.errors or "strict"))
+    while rest:
+        written = raw.write(rest)
+        if written is None:
+            raise BlockingIOError(errno.EAGAIN, os.strerror(errno.EAGAIN))
+        rest = rest[written:]
 
 
 def error_data(error: BaseException, **known: Any) -> dict[str, Any]:

@@ -229,7 +229,7 @@ def _block(block: Mapping[str, Any]) -> str:
 def doctor(clear_cache: bool, as_json: bool) -> int:
     """Say which versions, plugins, compiler and compiled kernels are at hand."""
     if clear_cache:
-        from nhpocp.flow.kernel_cache import clear_cache as clear
+        from nhpocp.flow.kernel_folder import clear_cache as clear
 
         say(f"{clear()} kernels removed from the cache")
     from nhpocp.diagnosis import diagnose
@@ -325,7 +325,7 @@ def _compared(
 
     problems = [load(file, overrides) for file in files]
     runs = plan(problems, variants, home)
-    check_home(home)
+    check_home(home, [problem.name for problem in problems])
     folders = {id(run): folder for folder, run in runs.items()}
     missing: list[str] = []
 

@@ -99,6 +99,7 @@ def build(workshop: Path, key: str, compiler: Sequence[str]) -> str:
             command = [*compiler, *flags, SOURCE, "-o", target.name, "-lm"]
             status, words = _run(command, workshop)
             if status == 0 and target.exists():
+                target.chmod(0o700)  # whatever the umask: a kernel that others may write to is not loaded
                 os.replace(target, workshop.parent / f"{key}-{digest(target.read_bytes())}{SUFFIX}")
                 return ""
             said = words.splitlines()[0] if words else f"exit status {status}"

@@ -7,10 +7,8 @@ all it depends on. Whatever goes wrong with it costs one line on standard error;
 from __future__ import annotations
 
 import ctypes
-import errno
 import hashlib
 import logging
-import os
 import shutil
 import subprocess
 import sys
@@ -18,13 +16,13 @@ from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from types import ModuleType
-from typing import Any, Generic, TypeVar
+from typing import Generic, TypeVar
 
 import casadi as ca
 import numpy as np
 
 from nhpocp.arrays import Array
-from nhpocp.flow import kernel_build
+from nhpocp.flow import kernel_build, kernel_folder
 from nhpocp.machine import c_compiler, compiler, processor, without_compiler
 
 CLOSE = 1e-9  # a share of the largest number, or of what a function is given: far above rounding, far below a mistake
@@ -86,7 +84,7 @@ class Place(Generic[K]):
                 self._give_up(without_compiler())
                 return False
             try:
-                cache_folder()
+                kernel_folder.our_folder()
             except OSError as error:
                 self._give_up(f"there is no place for kernels ({error.strerror})")
                 return False
@@ -94,15 +92,16 @@ class Place(Generic[K]):
         return bool(self._key)
 
     def _stored(self) -> Path | None:
-        """The kernel in the cache, undamaged."""
+        """The kernel in the cache, ours and undamaged; what is not is removed, or it would be met at every run."""
         if not self._named():
             return None
         with suppress(OSError):
-            for path in sorted(cache_folder().glob(f"{self._key}-*{kernel_build.SUFFIX}")):
-                if kernel_build.digest(path.read_bytes()) == path.stem.rpartition("-")[2]:
+            folder = kernel_folder.our_folder()
+            for path in kernel_folder.kernels(folder, self._key) if folder else []:
+                if not (fault := _fault(path)):
                     return path
-                notice(f"the kernel {path} is damaged and was removed")
                 path.unlink()
+                notice(f"the kernel {path} {fault} and was removed")
         return None
 
     def _text(self) -> str:
@@ -118,9 +117,9 @@ class Place(Generic[K]):
         if not text:
             return None
         try:
-            workshop = kernel_build.new_workshop(_made_folder(), text)
+            workshop = kernel_build.new_workshop(kernel_folder.made_folder(), text)
         except OSError as error:
-            self._give_up(f"{cache_folder()} takes no kernels ({error.strerror})")
+            self._give_up(f"{kernel_folder.cache_folder()} takes no kernels ({error.strerror})")
             return None
         said = kernel_build.build(workshop, self._key, c_compiler())
         found = None if said else self._stored()
@@ -131,10 +130,10 @@ class Place(Generic[K]):
     def _begin(self) -> None:
         """Has the kernel built by a process of its own, which may outlive this one; unless one is at it already."""
         with suppress(OSError):  # nobody asked for this kernel
-            place = _made_folder() / f"{kernel_build.BUILDING}{self._key}"
+            place = kernel_folder.made_folder() / f"{kernel_build.BUILDING}{self._key}"
             if kernel_build.busy(place):
                 return
-            shutil.rmtree(place, ignore_errors=True)  # given up
+            kernel_folder.remove_workshop(place)  # given up
             text = self._text()
             if not text:
                 return
@@ -159,7 +158,9 @@ class Place(Generic[K]):
         try:
             kernel = self._loaded(path)
         except (OSError, AttributeError) as error:
-            self._give_up(f"the kernel {path} cannot be loaded ({error})")
+            with suppress(OSError):
+                path.unlink()
+            self._give_up(f"the kernel {path} cannot be loaded and was removed ({error})")
             return
         if agrees(kernel):
             self.kernel = kernel
@@ -196,6 +197,16 @@ def nudged(numbers: Array) -> Array:
     return np.asarray(numbers) * (1.0 + CLOSE * signs)
 
 
+def _fault(path: Path) -> str:
+    """What keeps a kernel's file from being used; "" where nothing does."""
+    try:
+        content = kernel_folder.content(path)
+    except OSError as error:
+        return f"is not used ({error.strerror})"
+    sound = kernel_build.digest(content) == path.stem.rpartition("-")[2]
+    return "" if sound else "is damaged"
+
+
 def identified(parts: Iterable[ca.Function], recipe: Iterable[ModuleType]) -> str:
     """A name for the C text that these modules make of functions, far cheaper than the text itself."""
     digest = hashlib.sha256()
@@ -221,48 +232,3 @@ def notice(text: str) -> None:
     if text not in _said:
         _said.add(text)
         _log.warning("nhpocp: %s", text)
-
-
-def cache_folder() -> Path:
-    """Where kernels are kept: NHPOCP_CACHE, or the user's cache folder. Errors: `OSError` where nothing says where."""
-    given = os.environ.get("NHPOCP_CACHE")
-    home = os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA")
-    try:
-        if given:
-            return Path(given).expanduser()
-        return (Path(home) if home else Path.home() / ".cache") / "nhpocp"
-    except RuntimeError as error:  # of a user without a home directory, or of ~nobody
-        words = f"NHPOCP_CACHE is {given!r}, in a home that is not known" if given else "the user has no home"
-        raise OSError(errno.ENOENT, f"{words}; NHPOCP_CACHE may name a folder") from error
-
-
-def _made_folder() -> Path:
-    folder = cache_folder()
-    folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-    return folder
-
-
-def cached() -> dict[str, Any]:
-    """The cache's folder, its number of kernels and their bytes; where there is no folder, why."""
-    try:
-        folder = cache_folder()
-    except OSError as error:
-        return {"folder": None, "kernels": 0, "bytes": 0, "trouble": error.strerror}
-    sizes = []
-    with suppress(OSError):
-        sizes = [path.stat().st_size for path in folder.glob(f"*-*{kernel_build.SUFFIX}")]
-    return {"folder": str(folder), "kernels": len(sizes), "bytes": sum(sizes)}
-
-
-def clear_cache() -> int:
-    """Removes every kernel, and builds that were given up; their number."""
-    try:
-        folder = cache_folder()
-    except OSError:
-        return 0  # no folder, no kernels
-    kernels = list(folder.glob(f"*-*{kernel_build.SUFFIX}"))
-    for path in kernels:
-        path.unlink(missing_ok=True)
-    for workshop in folder.glob(f"{kernel_build.BUILDING}*"):
-        shutil.rmtree(workshop, ignore_errors=True)
-    return len(kernels)

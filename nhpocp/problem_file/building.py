@@ -233,7 +233,7 @@ def _validated(name: str, model: type[Any], data: Any) -> Any:
         return model.model_validate(dict(data))
     except ValidationError as error:
         issue = translate(error, model)[0].under(("solvers", name))
-        raise InvalidProblemError(issue.message, path=dotted(issue.path)) from None
+        raise InvalidProblemError(issue.words, path=dotted(issue.path)) from None
 
 
 def _build_jacobian(data: JacobianSettings, _: Any, kernels: Any) -> Any:

@@ -13,7 +13,7 @@ from pydantic import (
     Tag,
 )
 
-from nhpocp.problem_file.issues import Issue, Refusal, suggestion
+from nhpocp.problem_file.issues import Issue, Refusal
 from nhpocp.problem_file.numbers import NUMBER_SCHEMA, Checked, NotNegative, describe, parse_number
 from nhpocp.problem_file.states import Strict
 from nhpocp.state_space import Block
@@ -131,7 +131,7 @@ def _misfits(value: Constraints, system: System, outputs: tuple[str, ...] | None
         block = blocks.get(name)
         if block is None:
             if outputs is not None and name not in known:
-                yield Issue(("state", name), f"unknown quantity; {suggestion(name, known)}", at_key=True)
+                yield Issue(("state", name), "unknown quantity", at_key=True, known=tuple(known))
         elif block.kind == "rotation":
             yield Issue(
                 ("state", name), f"a rotation cannot be bounded; bound one of {', '.join(known)}", at_key=True

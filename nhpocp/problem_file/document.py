@@ -17,7 +17,7 @@ from nhpocp.errors import InvalidProblemError
 from nhpocp.problem_file.issues import Path
 
 LARGEST_FILE = 1_000_000  # bytes
-LARGEST_TREE = 100_000  # values, aliases expanded
+LARGEST_TREE = 50_000  # keys and values, aliases expanded: two seconds
 DEEPEST = 50  # levels
 
 _UNPRINTABLE = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x84\x86-\x9f\ufffe\uffff]")
@@ -76,6 +76,7 @@ class _Node:
     depth: int = 1
     closed: bool = False
     key: tuple[str, Mark] | None = None  # a mapping's key that still waits for its value
+    keys: dict[str, Mark] = field(default_factory=dict)  # a mapping's
 
 
 def read_file(path: FilePath) -> str:
@@ -261,20 +262,22 @@ class _Composer:
         used = node if node.mark == mark else _Node(**{**vars(node), "mark": mark})
         parent.items.append((name, place, used))
         parent.key = None
-        parent.size += node.size
+        parent.size += node.size + (name is not None)
         parent.depth = max(parent.depth, node.depth + 1)
         self._check_depth(parent, mark)
         if parent.size > LARGEST_TREE:
-            raise self._refuse(f"expands to more than {LARGEST_TREE} values; expected a short problem", mark)
+            raise self._refuse(
+                f"expands to more than {LARGEST_TREE} keys and values; expected a short problem", mark
+            )
 
     def _key(self, parent: _Node, node: _Node, mark: Mark, raw: str | None) -> str:
         if node.kind != "scalar":
             raise self._refuse(f"a {node.kind} as a key; expected a name", mark)
         name = raw if raw is not None else str(node.value)
-        for other, place, _ in parent.items:
-            if other == name and place is not None:
-                path = ".".join([open_.key[0] for open_ in self._stack[:-1] if open_.key] + [name])
-                raise self._refuse(f"duplicate key; first given in line {place.line}", mark, path)
+        if place := parent.keys.get(name):
+            path = ".".join([open_.key[0] for open_ in self._stack[:-1] if open_.key] + [name])
+            raise self._refuse(f"duplicate key; first given in line {place.line}", mark, path)
+        parent.keys[name] = mark
         return name
 
 

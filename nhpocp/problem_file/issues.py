@@ -4,22 +4,34 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 Path = tuple[str | int, ...]
 
 
 @dataclass(frozen=True)
 class Issue:
-    """One thing that is wrong at one place; ``at_key`` where the key itself is the mistake."""
+    """One thing that is wrong at one place; ``at_key`` where the key itself is the mistake.
+
+    ``known``: the names that the path's last may have been meant as. They are compared once the issue is told: of tens
+    of thousands one is.
+    """
 
     path: Path
     message: str
     at_key: bool = False
+    known: tuple[str, ...] | None = None
+
+    @property
+    def words(self) -> str:
+        """The message, with what may have been meant."""
+        if self.known is None:
+            return self.message
+        return f"{self.message}; {suggestion(str(self.path[-1]), self.known)}"
 
     def under(self, prefix: Path) -> Issue:
         """The same issue, its path counted from further up."""
-        return Issue(prefix + self.path, self.message, self.at_key)
+        return replace(self, path=prefix + self.path)
 
 
 class Refusal(ValueError):
@@ -47,6 +59,6 @@ def suggestion(word: str, known: Iterable[str]) -> str:
     return f"expected one of {', '.join(known)}" if known else "no key is expected here"
 
 
-def unknown_key(name: str, known: Iterable[str]) -> str:
-    """The message for a key that does not exist."""
-    return f"unknown key; {suggestion(name, known)}"
+def unknown_key(path: Path, known: Iterable[str]) -> Issue:
+    """A key that does not exist."""
+    return Issue(path, "unknown key", at_key=True, known=tuple(known))

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from functools import lru_cache
 from typing import Any, get_args
 
 from pydantic import BaseModel, ValidationError
@@ -13,27 +14,41 @@ from nhpocp.problem_file.issues import Issue, Path, Refusal, suggestion, unknown
 from nhpocp.problem_file.numbers import describe
 from nhpocp.problem_file.states import Rotation
 
+MISSPELT = 100  # keys of one mapping: who writes more has not misspelt one
 _TAG = re.compile(r"<[a-z_]+>")  # our names for members of unions, which pydantic puts into paths
 
 
 def translate(error: ValidationError, model: type[BaseModel]) -> list[Issue]:
     """Every error of a validation against ``model``."""
-    issues: list[Issue] = []
     details = error.errors(include_url=False)
-    guessed = {guess for detail in details for guess in _guessed(detail, model)}
+    guessed = _guessed(details, model)
+    return [
+        issue
+        for detail in details
+        if detail["type"] != "missing" or detail["loc"] not in guessed  # its misspelt key is reported instead
+        for issue in _issues(detail, model)
+    ]
+
+
+def _guessed(details: Sequence[Any], model: type[BaseModel]) -> set[Path]:
+    """The missing keys that an unknown key beside them was probably meant to be."""
+    lacking = {detail["loc"][:-1] for detail in details if detail["type"] == "missing"}
+    beside: dict[Path, list[str]] = {}
     for detail in details:
-        if detail["type"] == "missing" and detail["loc"] in guessed:
-            continue  # its misspelt key is reported instead
-        issues += _issues(detail, model)
-    return issues
+        mapping, name = detail["loc"][:-1], detail["loc"][-1]
+        if detail["type"] == "extra_forbidden" and mapping in lacking:
+            beside.setdefault(mapping, []).append(str(name))
+    return {
+        (*mapping, near)
+        for mapping, names in beside.items()
+        for name in names[:MISSPELT]
+        for near in difflib.get_close_matches(name.lower(), _keys(model, _named(mapping)), n=1, cutoff=0.6)
+    }
 
 
-def _guessed(detail: Any, model: type[BaseModel]) -> Iterator[Path]:
-    """The key that an unknown key was probably meant to be."""
-    if detail["type"] == "extra_forbidden":
-        name, known = str(detail["loc"][-1]), list(_keys(model, detail["loc"][:-1]))
-        for near in difflib.get_close_matches(name.lower(), known, n=1, cutoff=0.6):
-            yield (*detail["loc"][:-1], near)
+def _named(raw: Path) -> tuple[str, ...]:
+    """A path without the places in lists, which all have the same keys."""
+    return tuple(part for part in raw if isinstance(part, str))
 
 
 def _issues(detail: Any, model: type[BaseModel]) -> list[Issue]:
@@ -46,7 +61,7 @@ def _issues(detail: Any, model: type[BaseModel]) -> list[Issue]:
             return [issue.under(path) for issue in cause.issues]
         return [Issue(path, str(cause))]
     if kind == "extra_forbidden":
-        return [Issue(path, unknown_key(str(path[-1]), _keys(model, raw[:-1])), at_key=True)]
+        return [unknown_key(path, _keys(model, _named(raw[:-1])))]
     if kind == "missing" and path == ("nhpocp",):
         return [Issue(path, "required key is missing; begin the file with `nhpocp: 1`")]
     return [Issue(path, _words(kind, value, context))]
@@ -78,12 +93,11 @@ def _words(kind: str, value: Any, context: dict[str, Any]) -> str:
     return f"expected {expected}, got {came}" if expected else f"cannot use {came} here"
 
 
-def _keys(model: type[BaseModel], raw: tuple[str | int, ...]) -> list[str]:
-    """The keys that the mapping at a raw pydantic path may have."""
+@lru_cache(maxsize=256)
+def _keys(model: type[BaseModel], raw: tuple[str, ...]) -> tuple[str, ...]:
+    """The keys that the mapping at a raw pydantic path, `_named`, may have."""
     here: Any = model
     for part in raw:
-        if isinstance(part, int):
-            continue
         if part == "<rotation>":
             here = Rotation
         elif _TAG.fullmatch(part):
@@ -92,7 +106,7 @@ def _keys(model: type[BaseModel], raw: tuple[str | int, ...]) -> list[str]:
             field = found.model_fields[part]
             here = (field.annotation, *field.metadata)
     found = _model_in(here)
-    return list(found.model_fields) if found else []
+    return tuple(found.model_fields) if found else ()
 
 
 def _walk(annotation: Any) -> Iterator[Any]:

@@ -83,10 +83,10 @@ class Place:
         more = f" (and {len(unique) - 1} more)" if len(unique) > 1 else ""
         path = dotted(first.path) or None
         if by := self._override(first.path):
-            return InvalidProblemError(f"{first.message} (given by --set {dotted(by)}){more}", path=path)
+            return InvalidProblemError(f"{first.words} (given by --set {dotted(by)}){more}", path=path)
         mark = self.document.locate(first.path, first.at_key)
         return InvalidProblemError(
-            first.message + more,
+            first.words + more,
             path=path,
             file=self.file,
             line=mark.line if mark else None,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from bisect import bisect
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
@@ -159,6 +161,16 @@ class Reference(Strict):
     source: Text | None = Field(default=None, description="where the numbers come from")
 
 
+def _at_once(times: Sequence[float]) -> Iterator[Issue]:
+    """Via poses at the time of an earlier one."""
+    earlier: list[float] = []  # in order of time
+    for i, time in enumerate(times):
+        place = bisect(earlier, time)
+        if any(abs(time - other) < SAME_TIME for other in earlier[max(place - 1, 0) : place + 1]):
+            yield Issue((i, "at"), f"another via pose is at {time:g} already")
+        earlier.insert(place, time)
+
+
 def _none_is_empty_list(value: Any) -> Any:
     return [] if value is None else value
 
@@ -245,9 +257,7 @@ class ProblemData(Strict):
             if info.context
             for issue in check_goal(info.context.system, via.values)
         ]
-        for i, via in enumerate(value):
-            if any(abs(via.at - other.at) < SAME_TIME for other in value[:i]):
-                issues.append(Issue((i, "at"), f"another via pose is at {via.at:g} already"))
+        issues += _at_once([via.at for via in value])
         if issues:
             raise Refusal(issues)
         return value

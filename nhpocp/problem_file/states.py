@@ -195,7 +195,7 @@ def _misfits(blocks: Sequence[Block], values: State) -> Iterator[Issue]:
     names = [block.name for block in blocks]
     for name in values:
         if name not in names:
-            yield Issue((name,), unknown_key(name, names), at_key=True)
+            yield unknown_key((name,), names)
     for block in blocks:
         if block.name in values and (fault := misfit(block, values[block.name])):
             yield Issue((block.name,), fault)

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from nhpocp.solvers.interruption import Interruption
+from nhpocp.whole import write_files
 
 
 def attempted(write: Callable[[], Any]) -> str:
@@ -24,10 +25,5 @@ def attempted(write: Callable[[], Any]) -> str:
 
 def drawn(draw: Callable[[Path], Any], folder: Path) -> str:
     """Has pictures added to a folder, all or none; "" or a warning. The numbers matter more."""
-    before = set(folder.iterdir())
-    why = attempted(lambda: draw(folder))
-    if not why:
-        return ""
-    for path in set(folder.iterdir()) - before:
-        path.unlink(missing_ok=True)
-    return f"the pictures could not be written ({why})"
+    why = attempted(lambda: write_files(folder, draw))
+    return f"the pictures could not be written ({why})" if why else ""

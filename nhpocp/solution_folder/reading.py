@@ -26,6 +26,7 @@ from nhpocp.problem_file import control_from_json, load_problem
 from nhpocp.solution import Crossing, Replay, Solution, Verdict
 from nhpocp.solution_folder.stored import StoredSolution, StoredVerdict, parse_stored
 from nhpocp.systems.numeric import numeric_system
+from nhpocp.whole import sweep
 
 NEEDED = ("solution.json", "problem.yaml", "arrays.npz")
 COSTS = ("effort", "leg_effort", "path_length")
@@ -43,6 +44,8 @@ def load_solution(folder: str | os.PathLike[str]) -> Solution:
     Errors: `UnreadableSolutionError` naming the file that is missing or damaged.
     """
     home = Path(folder)
+    if not os.path.exists(home):
+        sweep(home.parent)  # brings it back where a killed run had moved it away
     for name in NEEDED:
         with _reading(home / name):
             if not (home / name).exists():
@@ -67,7 +70,7 @@ def load_solution(folder: str | os.PathLike[str]) -> Solution:
 
 def _missing(home: Path, name: str) -> str:
     """What is there instead of a file that every solution folder has, and what may have been meant."""
-    if not home.exists():
+    if not os.path.exists(home):
         return "there is nothing of this name"
     if not home.is_dir():
         return "this is a file; expected the folder that `nhpocp solve` wrote"

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import errno
 import os
-import shutil
-import tempfile
+import stat
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
 from nhpocp.errors import InvalidProblemError
+from nhpocp.whole import Bench, bench, exchange, sweep
 
 DATA = ("problem.yaml", "solution.json", "trajectory.csv", "iterations.csv", "arrays.npz", "solver.log")
 PICTURES = ("controls", "relative_pose", "convergence", "margins", "robot", "failure")
@@ -18,6 +18,13 @@ ANIMATIONS = ("animation.html", "animation.gif", "animation.mp4")
 ANALYSIS = ("analysis.json", "map.npz")  # of `nhpocp analyze`, and its pictures
 ANALYSIS_PICTURES = ("singularity_map", "along_guess", "agility")
 COMPARISON = ("report.html", "comparison.csv", "comparison.json")  # beside the folders of the problems
+# what stands near the beginning or the end of such a file of ours, the first version's included; a table's is its head
+SIGNED = {
+    "report.html": (b'content="nhpocp compare"', b"dl.facts { display: grid;"),
+    "comparison.csv": (b"name,solver,variant,",),
+    "comparison.json": (b'"schema_version"',),
+    "animation.html": (b"nhpocp animate",),
+}
 _DRAWN = (*PICTURES, *ANALYSIS_PICTURES)
 OWN = {
     *DATA,
@@ -25,7 +32,6 @@ OWN = {
     *ANALYSIS,
     *(f"{name}.{kind}" for name in _DRAWN for kind in ("png", "svg", "pdf")),
 }
-SCRATCH = ".nhpocp-"  # prefix of the folders beside a target, while it is written
 
 
 def folder_name(name: str) -> str:
@@ -35,14 +41,17 @@ def folder_name(name: str) -> str:
 
 
 def check_target(folder: Path) -> None:
-    """Tries whether a solution folder can be written here, and leaves everything as it was.
+    """Whether a solution folder can be written here: tried beside it, while what stands there is only looked at.
 
+    What killed runs left is cleared up first, and a folder that one had moved away goes back.
     Errors: `InvalidProblemError` for a folder that holds anything that nhpocp did not write, or that cannot be created
     or replaced.
     """
     try:
         target = real_target(folder)
+        clear_up(target)
         require_replaceable(target, folder)
+        _require_movable(target)
         _try_to_write(target)
     except OSError as error:
         raise unwritable(folder, error) from error
@@ -103,75 +112,112 @@ def _says_so(file: Path) -> bool:
     return '"schema_version"' in head
 
 
+def clear_up(target: Path) -> None:
+    """What killed runs left beside a folder and within it."""
+    for place in (target.parent, target):
+        sweep(place, remove_own)
+
+
+def require_own(file: Path) -> None:
+    """Errors: `InvalidProblemError` where something other than such a file of ours stands here (`SIGNED`)."""
+    if file.is_dir():
+        raise InvalidProblemError("a folder stands where this file goes", file=str(file))
+    try:
+        content = file.read_bytes()
+    except FileNotFoundError:
+        return
+    except OSError as error:
+        raise unwritable(file, error) from error
+    if content and not any(words in content[:4096] + content[-4096:] for words in SIGNED[file.name]):
+        raise InvalidProblemError(
+            "this file was not written by nhpocp and is left alone; choose another folder with -o",
+            file=str(file),
+        )
+
+
 def write_whole(target: Path, write: Callable[[Path], None]) -> None:
     """Has a folder written beside its place and moved there once complete, or not at all.
 
     Errors: `OSError`, and `InvalidProblemError` where something else has come to stand there.
     """
     home = real_target(target)
-    scratch = scratch_folder(home)
-    try:
+    with bench(home.parent) as made:
+        scratch = made.new / home.name
+        scratch.mkdir()
         write(scratch)
-        scratch.chmod(0o777 & ~_umask())
-        replace(scratch, home, target)
+        _replace(made, home, target)
+
+
+def _replace(made: Bench, home: Path, named: Path) -> None:
+    """Puts the complete folder of a bench in place of what is there."""
+    scratch, old = made.new / home.name, made.old / home.name
+    if not home.exists():
+        scratch.rename(home)
+        return
+    require_replaceable(home, named)  # once more: a solve takes its time
+    scratch.rename(old)  # after the exchange the other folder stands there, which others may have written to
+    exchanged = False
+    try:
+        exchanged = exchange(old, home)
     finally:
-        shutil.rmtree(scratch, ignore_errors=True)
+        if not exchanged:
+            old.rename(scratch)
+    if exchanged:
+        _check_left(old, home, named)
+    else:
+        _move_in(scratch, home, old)
+    remove_own(old)
 
 
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
+def _check_left(old: Path, home: Path, named: Path) -> None:
+    """Puts the old folder back if somebody has written to it at the last moment."""
+    try:
+        require_replaceable(old, named)
+    except InvalidProblemError:
+        exchange(old, home)
+        raise
 
 
-def scratch_folder(target: Path) -> Path:
-    """A new empty folder beside a target, from where a rename moves it into place."""
-    target.parent.mkdir(parents=True, exist_ok=True)
-    return Path(tempfile.mkdtemp(prefix=SCRATCH, dir=target.parent))
+def _move_in(scratch: Path, home: Path, old: Path) -> None:
+    """Where two folders cannot be exchanged; `sweep` brings back what a process that is killed in between leaves."""
+    home.rename(old)
+    try:
+        scratch.rename(home)
+    except OSError:
+        old.rename(home)
+        raise
+
+
+def _require_movable(target: Path) -> None:
+    """Raises what a rename would raise, by the rules that can be read: it is not tried with what stands there."""
+    if not target.exists():
+        return
+    if os.path.ismount(target):
+        raise OSError(errno.EBUSY, os.strerror(errno.EBUSY))
+    if not os.access(target, os.W_OK | os.X_OK):  # to move it, and to remove what it holds
+        raise OSError(errno.EACCES, os.strerror(errno.EACCES))
+    around = target.parent.stat()
+    sticky = os.name == "posix" and around.st_mode & stat.S_ISVTX
+    if sticky and os.geteuid() not in (0, around.st_uid, target.stat().st_uid):
+        raise OSError(errno.EPERM, os.strerror(errno.EPERM))
 
 
 def _try_to_write(target: Path) -> None:
-    """Creates, renames and removes: permissions, mount points and sticky folders have too many rules to predict."""
+    """Creates, renames and removes a folder of this name: names, permissions and quotas have many rules."""
     created = [parent for parent in target.parents if not parent.exists()]  # the deepest first
     try:
-        scratch = scratch_folder(target)
-        try:
-            if target.exists():
-                target.rename(scratch / "old")
-                (scratch / "old").rename(target)
-            else:
-                scratch.rename(target)
-                target.rename(scratch)
-        finally:
-            scratch.rmdir()
+        with bench(target.parent) as made:
+            trial = made.new / target.name
+            trial.mkdir()
+            trial.rename(made.new / "trial")
+            (made.new / "trial").rmdir()
     finally:
         for parent in created:
             with suppress(OSError):
                 parent.rmdir()
 
 
-def replace(scratch: Path, target: Path, named: Path) -> None:
-    """Puts a complete folder in place of what is there."""
-    if not target.exists():
-        scratch.rename(target)
-        return
-    require_replaceable(target, named)  # once more: a solve takes its time
-    aside = scratch_folder(target)
-    old = aside / "old"
-    try:
-        target.rename(old)
-        try:
-            scratch.rename(target)
-        except OSError:
-            old.rename(target)
-            raise
-        _remove_own(old)
-    finally:
-        with suppress(OSError):  # whatever is still inside stays
-            aside.rmdir()
-
-
-def _remove_own(folder: Path) -> None:
+def remove_own(folder: Path) -> None:
     """Deletes our files by name; anything else stays, and its folder with it."""
     with suppress(OSError):
         for entry in list(os.scandir(folder)):

@@ -19,6 +19,7 @@ from nhpocp.solution_folder.plain_data import as_text, to_json
 from nhpocp.solution_folder.tables import write_iterations, write_trajectory
 from nhpocp.solution_folder.target import check_target, unwritable, write_whole
 from nhpocp.solvers.interruption import Interruption
+from nhpocp.whole import write_text
 
 Pictures = Callable[[Solution, Path], Any]
 
@@ -92,13 +93,7 @@ def _write(solution: Solution, folder: Path, trace: bool) -> None:
 
 
 def _write_json(solution: Solution, folder: Path) -> None:
-    """Whole, or as it was before."""
-    scratch = folder / "solution.json.part"
-    try:
-        scratch.write_text(as_text(to_json(solution)), encoding="utf-8")
-        scratch.replace(folder / "solution.json")
-    finally:
-        scratch.unlink(missing_ok=True)
+    write_text(folder / "solution.json", as_text(to_json(solution)))
 
 
 def _log(solution: Solution) -> str:

@@ -29,6 +29,12 @@ class Trouble:
     sentence: str
 
 
+BEYOND_NUMBERS = Trouble(
+    Outcome.NOT_FINITE,
+    "the end point is finite, and its error overflows; choose units, an `error_length` and a goal nearer to 1",
+)
+
+
 @dataclass(frozen=True)
 class Evaluation:
     """One control and where it leads."""
@@ -78,16 +84,20 @@ class Evaluator:
             return Evaluation(coefficients, end, np.inf, failure=failure)
         residual = EndPointError(self.problem, end)
         try:
-            error, vector = residual.measured()
+            with np.errstate(over="ignore", invalid="ignore"):  # said in words below
+                error, vector = residual.measured()
+                jacobian = residual.jacobian
         except OrientationAtPiError as opposite:
             trouble = Trouble(Outcome.ORIENTATION_AT_PI, str(opposite))
             return Evaluation(coefficients, end, np.inf, failure=trouble)
+        if not (np.isfinite(error) and np.isfinite(vector).all() and np.isfinite(jacobian).all()):
+            return Evaluation(coefficients, end, np.inf, failure=BEYOND_NUMBERS)
         return Evaluation(
             coefficients,
             end,
             error,
             vector,
-            residual.jacobian,
+            jacobian,
             lambda jacobian, vector: self.inverse(jacobian, vector, self._metric(end)),
             crossing=crossing,
         )

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from nhpocp.arrays import Array
+from nhpocp.errors import InvalidProblemError
 from nhpocp.systems.parallel_robot import ParallelRobot
 
 RANK = 1e-9  # singular values below this share of the largest count as zero
@@ -44,10 +45,17 @@ class Mobility:
 
 
 def mobility(robot: ParallelRobot, state: Array) -> Mobility:
-    """The mobility of a parallel robot at a packed state."""
+    """The mobility of a parallel robot at a packed state.
+
+    Errors: `InvalidProblemError` where the rows of its constraints are not finite.
+    """
     blocks, scale = robot.kinematics(state), robot.default_length_scale()
     rows = np.hstack([blocks.S * scale, blocks.J])  # on (ṗ/scale, ω)
     rows = rows / np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), np.finfo(float).tiny)
+    if not np.isfinite(rows).all():
+        raise InvalidProblemError(
+            "the constraints of the legs are not finite here; choose lengths nearer to 1"
+        )
     kinds = [kind for leg in robot.legs for kind in leg.constraint_kinds]
     held = rows[[kind == "holonomic" for kind in kinds]]
     _, values, right = np.linalg.svd(rows)

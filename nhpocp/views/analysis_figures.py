@@ -18,7 +18,7 @@ from nhpocp.analysis import Analysis
 from nhpocp.analysis.agility import Ellipsoid
 from nhpocp.analysis.slices import Coordinate, SingularityMap, coordinates
 from nhpocp.arrays import Array
-from nhpocp.views.figures import save
+from nhpocp.views.figures import write_all
 from nhpocp.views.style import (
     ALARM,
     COLOURS,
@@ -326,9 +326,5 @@ def names_of(analysis: Analysis) -> list[str]:
 
 
 def write_pictures(analysis: Analysis, folder: Path, formats: Sequence[str] = ("svg", "png")) -> list[Path]:
-    """Every picture in every format; the files written."""
-    written = []
-    for name in names_of(analysis):
-        figure = FIGURES[name](analysis)
-        written += [save(figure, folder / f"{name}.{kind}") for kind in formats]
-    return written
+    """Every picture in every format, each whole and all or none; the files written."""
+    return write_all(FIGURES, analysis, folder, formats, names_of(analysis))

@@ -24,6 +24,7 @@ from nhpocp.solution import Solution
 from nhpocp.views import curves, drawing, plots, report_words
 from nhpocp.views.finite_path import path_of
 from nhpocp.views.scene import drawn, scene
+from nhpocp.whole import write_text
 
 TEMPLATE = "animation.html.jinja"
 MARKER = "nhpocp animate"  # in every file that this makes, so that it may be replaced
@@ -39,7 +40,7 @@ def write_animation(entries: Sequence[Entry], path: str | os.PathLike[str]) -> P
     Errors: `InvalidProblemError` as of `check_motions`.
     """
     target = Path(path)
-    target.write_text(render(entries), encoding="utf-8")
+    write_text(target, render(entries))
     return target
 
 

@@ -6,7 +6,7 @@ A failed or partial solution still gives every picture; what is missing is said 
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import wraps
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,7 @@ from nhpocp.solution import Outcome, Solution
 from nhpocp.views import drawing, plots
 from nhpocp.views import failure as failures
 from nhpocp.views.style import COLOURS, COMPACT, GREY, PANEL, legend_above, say, sheet
+from nhpocp.whole import write_files
 
 
 def _styled(make: Callable[[Solution], Figure]) -> Callable[[Solution], Figure]:
@@ -187,11 +188,28 @@ def write_pictures(
     formats: Sequence[str] = ("svg", "png"),
     names: Iterable[str] | None = None,
 ) -> list[Path]:
-    """Every picture (`names_of`), or those named, in every format; the files written, in that order."""
-    folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    written = []
-    for name in names_of(solution) if names is None else names:
-        figure = FIGURES[name](solution)
-        written += [save(figure, folder / f"{name}.{kind}") for kind in formats]
-    return written
+    """Every picture (`names_of`), or those named, in every format; the files written, in that order.
+
+    Each is written whole, and none unless all can be: a full disk leaves the older ones.
+    """
+    return write_all(FIGURES, solution, folder, formats, names_of(solution) if names is None else names)
+
+
+def write_all(
+    figures: Mapping[str, Callable[[Any], Figure]],
+    subject: Any,
+    folder: Path,
+    formats: Sequence[str],
+    names: Iterable[str],
+) -> list[Path]:
+    """Those of these figures of a subject that are named, as files."""
+    files = {name: [f"{name}.{kind}" for kind in formats] for name in names}
+
+    def draw(scratch: Path) -> None:
+        for name, made in files.items():
+            figure = figures[name](subject)
+            for file in made:
+                save(figure, scratch / file)
+
+    write_files(Path(folder), draw)
+    return [Path(folder) / file for made in files.values() for file in made]

@@ -15,6 +15,7 @@ from nhpocp.views import report_words as words
 from nhpocp.views.overlays import Overlay, overlays
 from nhpocp.views.readout import readout
 from nhpocp.views.svg import inline_svg
+from nhpocp.whole import write_text
 
 TEMPLATE = "report.html.jinja"
 COLUMNS = 4  # runs side by side in one table, so that it fits a printed page
@@ -30,7 +31,7 @@ def write_report(
     ``animations``: files that show the motions of a group, relative to the page, by the groups' titles.
     """
     target = Path(path)
-    target.write_text(render(comparison, animations), encoding="utf-8")
+    write_text(target, render(comparison, animations))
     return target
 
 

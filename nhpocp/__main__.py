@@ -1,0 +1,5 @@
+"""`python -m nhpocp` is the program `nhpocp`."""
+
+from nhpocp.cli.entry import main
+
+main()

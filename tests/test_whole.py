@@ -1,0 +1,349 @@
+"""Whatever ends the program, and wherever: the old result or the new one is there, whole."""
+
+import builtins
+import errno
+import io
+import json
+import os
+import shutil
+import signal
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from matplotlib.figure import Figure
+
+from nhpocp import comparison, comparison_folder, planning, whole
+from nhpocp.cli import verbs
+from nhpocp.cli.entry import status
+from nhpocp.comparison import Comparison
+from nhpocp.errors import InvalidProblemError
+from nhpocp.problem_file import load_problem
+from nhpocp.solution_folder import check_target, load_solution, save_solution
+from nhpocp.views import figures
+from nhpocp.whole import BENCH, bench, sweep, write_file, write_files, write_text
+
+posix = pytest.mark.skipif(os.name != "posix", reason="processes and locks of POSIX")
+UNICYCLE = Path(__file__).parents[1] / "problems" / "unicycle.yaml"
+
+
+@pytest.fixture(scope="module")
+def old():
+    problem = load_problem(UNICYCLE, ["output.pictures=false", "output.samples=11", "name=u"])
+    return replace(planning.solve(problem), message="old")
+
+
+@pytest.fixture(scope="module")
+def new(old):
+    return replace(old, message="new")
+
+
+def tree(folder):
+    """Everything under a folder with its content."""
+    return {
+        str(path.relative_to(folder)): path.read_bytes() if path.is_file() else None
+        for path in sorted(folder.rglob("*"))
+    }
+
+
+def shown(folder):
+    """What a reader of a folder can see: benches are hidden."""
+    return {name: content for name, content in tree(folder).items() if not name.startswith(BENCH)}
+
+
+# --- kills at every operation on files -------------------------------------------------------------------------------
+
+
+class Killer:
+    """Ends its process as SIGKILL does, right before the k-th change to the file system."""
+
+    def __init__(self, k):
+        self.left = k
+
+    def strike(self):
+        if self.left == 0:
+            os.kill(os.getpid(), signal.SIGKILL)
+        self.left -= 1
+
+    def before(self, function, counts=lambda *_, **__: True):
+        def wrapped(*arguments, **options):
+            if counts(*arguments, **options):
+                self.strike()
+            return function(*arguments, **options)
+
+        return wrapped
+
+    def after(self, function, counts):
+        """Twice: before a file is opened for writing, and while it is empty."""
+
+        def wrapped(*arguments, **options):
+            opened = self.before(function, counts)(*arguments, **options)
+            if counts(*arguments, **options):
+                self.strike()
+            return opened
+
+        return wrapped
+
+    def arm(self):
+        for name in ("rename", "replace", "unlink", "remove", "rmdir", "mkdir", "link"):
+            setattr(os, name, self.before(getattr(os, name)))
+        opening = self.after(io.open, lambda file, mode="r", *_, **__: set(mode) & set("wxa+"))
+        io.open = builtins.open = opening
+        os.open = self.after(os.open, lambda file, flags, *_, **__: flags & (os.O_WRONLY | os.O_RDWR))
+        exchanging = whole._system_renameat2()
+        if exchanging is not None:
+            whole._system_renameat2 = lambda: self.before(exchanging)
+
+
+def killed(act, k):
+    """Whether `act` was killed before it had made k changes."""
+    process = os.fork()
+    if process == 0:
+        ended = 3
+        try:
+            Killer(k).arm()
+            act()
+            ended = 0
+        finally:
+            os._exit(ended)
+    ended = os.waitpid(process, 0)[1]
+    assert ended in (0, signal.SIGKILL)
+    return ended == signal.SIGKILL
+
+
+def kills(home, before, act, check):
+    """Has `act` killed at every change that it makes, each time on a copy of the same folder; how often."""
+    act()  # nothing has to be imported any more
+    for k in range(1000):
+        shutil.rmtree(home)
+        shutil.copytree(before, home)
+        dead = killed(act, k)
+        check(dead)
+        if not dead:
+            return k
+    raise AssertionError("it never ended")
+
+
+@pytest.fixture(params=["exchange", "renames"])
+def system(request, monkeypatch):
+    """Systems that can exchange two folders at once, and those that cannot."""
+    if request.param == "renames" or whole._system_renameat2() is None:
+        monkeypatch.setattr(whole, "_system_renameat2", lambda: None)
+        return "renames"
+    return request.param
+
+
+@posix
+def test_solve_may_be_killed_anywhere(system, old, new, tmp_path, monkeypatch):
+    monkeypatch.setattr(planning, "solve", lambda *_: new)
+    monkeypatch.setattr(verbs, "load", lambda *_: new.problem)
+    out = tmp_path / "home" / "out"
+    save_solution(old, tmp_path / "old" / "out")
+    results = {"old": shown(tmp_path / "old" / "out"), "new": shown(save_solution(new, out))}
+
+    def check(dead):
+        if out.exists():
+            assert shown(out) in results.values()
+        else:
+            assert system == "renames"
+            load_solution(out)  # which brings it back
+        check_target(out)
+        assert shown(out) in ([results["old"], results["new"]] if dead else [results["new"]])
+        assert [path.name for path in out.parent.iterdir()] == ["out"]
+
+    arguments = ["solve", str(UNICYCLE), "-o", str(out)]
+    assert kills(out.parent, tmp_path / "old", lambda: status(arguments), check) > 30
+
+
+@posix
+def test_compare_may_be_killed_anywhere(old, new, tmp_path, monkeypatch):
+    def run(runs, finished, **_):
+        return Comparison.of([new for _ in runs], [finished(new, run) for run in runs])
+
+    def report(compared, file, _):
+        write_text(file, f'<meta content="nhpocp compare"> {compared.entries[0].solution.message}')
+
+    monkeypatch.setattr(comparison, "compare", run)
+    monkeypatch.setattr(comparison_folder, "VARIANTS", ("jacobian",))
+    monkeypatch.setattr(verbs, "load", lambda *_: new.problem)
+    monkeypatch.setattr(verbs, "_report", report)
+    monkeypatch.setattr(verbs, "_animation", lambda *_: None)
+    home, before = tmp_path / "home", tmp_path / "old"
+    save_solution(old, before / "u" / "jacobian")
+    for name, text in {
+        "report.html": 'content="nhpocp compare" old',
+        "comparison.csv": "name,solver,variant,old",
+        "comparison.json": '{"schema_version": "old"}',
+    }.items():
+        (before / name).write_text(text)
+    arguments = ["compare", str(UNICYCLE), "-o", str(home)]
+    assert status(arguments) == 0
+    results = shown(before), shown(home)
+    assert results[0].keys() == results[1].keys()
+
+    def check(dead):
+        check_target(home / "u" / "jacobian")
+        sweep(home)
+        found = tree(home)
+        assert found.keys() == results[0].keys()
+        for name, content in found.items():
+            choices = [result[name] for result in results]
+            assert content in (choices if dead else choices[1:]), name
+
+    assert kills(home, before, lambda: status(arguments), check) > 60
+
+
+@posix
+def test_plot_may_be_killed_anywhere(old, tmp_path, monkeypatch):
+    monkeypatch.setattr(
+        figures, "FIGURES", {"controls": lambda _: Figure((1, 1)), "robot": lambda _: Figure((1, 1))}
+    )
+    monkeypatch.setattr(figures, "names_of", lambda _: ["controls", "robot"])
+    names = [f"{name}.{kind}" for name in ("controls", "robot") for kind in ("svg", "png")]
+    new = {file.name: file.read_bytes() for file in figures.write_pictures(old, tmp_path / "new")}
+
+    home, before = tmp_path / "home", save_solution(old, tmp_path / "old")
+    shutil.copytree(before, home)
+    for name in names:
+        (before / name).write_text("old")
+
+    def check(dead):
+        for name in names:
+            assert (home / name).read_bytes() in ([b"old", new[name]] if dead else [new[name]])
+        check_target(home)
+        assert not [name for name in tree(home) if name.startswith(BENCH)]
+
+    assert kills(home, before, lambda: status(["plot", str(home)]), check) > 10
+
+
+# --- what killed runs left -------------------------------------------------------------------------------------------
+
+
+@posix
+def test_what_others_are_writing_is_left_to_them(tmp_path):
+    with bench(tmp_path) as made:
+        (made.new / "half").write_text("…")
+        sweep(tmp_path)
+        with bench(tmp_path):
+            pass
+        assert (made.new / "half").exists()
+    assert list(tmp_path.iterdir()) == []
+
+
+@posix
+def test_nothing_is_swept_or_restored_through_links(tmp_path):
+    mine = tmp_path / "mine"
+    for name in ("new", "old"):
+        (mine / name).mkdir(parents=True)
+        (mine / name / "thesis.tex").write_text("years of work")
+    before = tree(mine)
+    (tmp_path / "a").mkdir()
+    (tmp_path / "a" / f"{BENCH}link").symlink_to(mine)
+    (tmp_path / "a" / f"{BENCH}inside").mkdir()
+    for name in ("new", "old"):
+        (tmp_path / "a" / f"{BENCH}inside" / name).symlink_to(mine / name)
+    sweep(tmp_path / "a", lambda path: path.unlink())
+    assert tree(mine) == before
+    assert not (tmp_path / "a" / "thesis.tex").exists()
+
+
+# --- full disks, links, files of others ------------------------------------------------------------------------------
+
+
+def stump(file):
+    """Half a file, and a full disk."""
+    with open(file, "w") as stream:
+        stream.write("half")
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+@pytest.mark.parametrize(
+    "write", [write_file, lambda file, act: write_files(file.parent, lambda to: act(to / file.name))]
+)
+def test_a_full_disk_leaves_the_old_file(write, tmp_path):
+    file = tmp_path / "a.txt"
+    file.write_text("old")
+    with pytest.raises(OSError, match="No space"):
+        write(file, stump)
+    assert tree(tmp_path) == {"a.txt": b"old"}
+    write(file, lambda scratch: scratch.write_text("new"))
+    assert tree(tmp_path) == {"a.txt": b"new"}
+
+
+@pytest.mark.parametrize("supported", [True, False])
+def test_a_new_file_replaces_nothing(supported, tmp_path, monkeypatch):
+    if not supported:
+        monkeypatch.setattr(whole, "_system_renameat2", lambda: None)
+    write_text(tmp_path / "a", "1", new=True)
+    with pytest.raises(FileExistsError):
+        write_text(tmp_path / "a", "2", new=True)
+    assert tree(tmp_path) == {"a": b"1"}
+
+
+@pytest.mark.parametrize("verb", [["init", "p.yaml"], ["schema", "-o", "s.json"]])
+def test_first_files_that_do_not_fit_can_be_written_later(verb, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    with monkeypatch.context() as patched:
+        patched.setattr(Path, "write_text", lambda file, *_, **__: stump(file))
+        assert status(verb) == 2
+    assert "No space left on device" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+    assert status(verb) == 0
+
+
+def test_plot_keeps_good_pictures_where_there_is_no_room(old, tmp_path, monkeypatch, capsys):
+    folder = save_solution(old, tmp_path / "out")
+    (folder / "controls.png").write_text("good")
+    before = tree(tmp_path)
+    monkeypatch.setattr(figures, "save", lambda _, file: stump(file))
+    assert status(["plot", str(folder)]) == 2
+    assert "No space left on device" in capsys.readouterr().err
+    assert tree(tmp_path) == before
+
+
+def test_plot_replaces_links_and_follows_none(old, tmp_path, monkeypatch):
+    monkeypatch.setattr(figures, "names_of", lambda _: ["controls"])
+    outside = tmp_path / "thesis.png"
+    outside.write_text("years of work")
+    folder = save_solution(old, tmp_path / "out")
+    for kind in ("png", "svg"):
+        (folder / f"controls.{kind}").symlink_to(outside)
+    assert status(["plot", str(folder)]) == 0
+    assert outside.read_text() == "years of work"
+    assert not (folder / "controls.png").is_symlink()
+    assert (folder / "controls.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize("place", ["report.html", "comparison.csv", "comparison.json", "u/animation.html"])
+def test_compare_refuses_files_of_others_before_it_solves(place, tmp_path, monkeypatch, capsys):
+    def solve(*_, **__):
+        raise AssertionError("solved")
+
+    monkeypatch.setattr(comparison, "compare", solve)
+    (tmp_path / place).parent.mkdir(exist_ok=True)
+    (tmp_path / place).write_text("my own words")
+    before = tree(tmp_path)
+    assert status(["compare", str(UNICYCLE), "--set", "name=u", "-o", str(tmp_path), "--json"]) == 2
+    error = json.loads(capsys.readouterr().out)["error"]
+    assert error["file"] == str(tmp_path / place)
+    assert "was not written by nhpocp" in error["message"]
+    assert tree(tmp_path) == before
+
+
+def test_a_target_is_looked_at_and_never_moved(old, tmp_path, monkeypatch):
+    folder = save_solution(old, tmp_path / "out")
+    moved = []
+    for name in ("rename", "replace"):
+        before = getattr(os, name)
+        monkeypatch.setattr(os, name, lambda a, b, before=before: moved.append(Path(a)) or before(a, b))
+    check_target(folder)
+    assert moved
+    assert folder not in moved
+
+
+@posix
+def test_a_folder_that_cannot_be_moved_is_refused_at_once(old, tmp_path, monkeypatch):
+    folder = save_solution(old, tmp_path / "out")
+    monkeypatch.setattr(os.path, "ismount", lambda path: Path(path) == folder)
+    with pytest.raises(InvalidProblemError, match="busy"):
+        check_target(folder)
