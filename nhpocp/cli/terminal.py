@@ -57,7 +57,9 @@ def put(data: Any) -> None:
         text.encode(getattr(sys.stdout, "encoding", None) or "utf-8")
     except UnicodeEncodeError:
         text = json.dumps(data, indent=1, allow_nan=False)
-    spelt = _CONTROLS.sub(lambda found: f"\\u{ord(found[0]):04x}", text)  # JSON itself spells out but some of them
+    spelt = _CONTROLS.sub(
+        lambda found: f"\\u{ord(found[0]):04x}", text
+    )  # JSON itself spells out but some of them
     _write_whole(spelt + "\n")
 
 
