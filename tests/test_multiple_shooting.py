@@ -378,6 +378,7 @@ def test_restoration_that_fails_beside_a_feasible_point_is_no_infeasibility():
     assert solution.outcome is Outcome.CONVERGED
     assert solution.message.startswith("Reached; optimality is not certified")
     assert "Reached; optimality is not certified" in solution.warnings
+    assert solution.details["certified"] is False
 
 
 @pytest.mark.parametrize("optimizer", [Ipopt(), Fatrop()], ids=lambda optimizer: optimizer.kind)

@@ -19,7 +19,7 @@ from nhpocp.cli.entry import status
 from nhpocp.comparison import Comparison
 from nhpocp.errors import InvalidProblemError
 from nhpocp.problem_file import load_problem
-from nhpocp.solution_folder import check_target, load_solution, save_solution
+from nhpocp.solution_folder import check_target, load_solution, save_solution, target
 from nhpocp.views import figures
 from nhpocp.whole import BENCH, bench, sweep, write_file, write_files, write_text
 
@@ -339,6 +339,27 @@ def test_a_target_is_looked_at_and_never_moved(old, tmp_path, monkeypatch):
     check_target(folder)
     assert moved
     assert folder not in moved
+
+
+@posix
+def test_what_is_written_into_a_folder_as_it_is_exchanged_survives(old, new, tmp_path, monkeypatch):
+    folder = save_solution(old, tmp_path / "out")
+    before = target.exchange
+
+    def late(one, other):
+        (folder / "thesis.tex").write_text("years of work")
+        monkeypatch.setattr(target, "exchange", before)
+        return before(one, other)
+
+    if not before(save_solution(old, tmp_path / "a"), save_solution(old, tmp_path / "b")):
+        late = before  # two renames, in whose midst nothing can be written there
+        (folder / "thesis.tex").write_text("years of work")
+    monkeypatch.setattr(target, "exchange", late)
+    with pytest.raises(InvalidProblemError, match=r"'thesis\.tex' in this folder"):
+        save_solution(new, folder)
+    assert (folder / "thesis.tex").read_text() == "years of work"
+    assert load_solution(folder).message == "old"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a", "b", "out"]
 
 
 @posix

@@ -175,6 +175,7 @@ def _check_left(old: Path, home: Path, named: Path) -> None:
         require_replaceable(old, named)
     except InvalidProblemError:
         exchange(old, home)
+        remove_own(old)
         raise
 
 

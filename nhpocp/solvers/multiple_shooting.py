@@ -91,7 +91,7 @@ class MultipleShooting:
         if not _well(best) and best.outcome is not Outcome.INTERRUPTED:
             best = self._from_other_guesses(problem, progress, best, ended)
         best = _summed(best, ended, details)
-        if self.mesh_check and best.outcome is Outcome.CONVERGED:
+        if self.mesh_check and best.outcome is Outcome.CONVERGED and best.details.get("certified", True):
             began = perf_counter()
             told = telling(progress, way=f"mesh check with {2 * self.intervals} intervals")
             found = mesh_check(self, problem, best, told)
@@ -200,6 +200,7 @@ def _uncertified(ended: list[Solution]) -> Solution | None:
         outcome=Outcome.CONVERGED,
         message=f"{words}. {plan.message}",
         warnings=[*plan.warnings, words],
+        details={**plan.details, "certified": False},
     )
 
 
@@ -209,7 +210,8 @@ def _taken_over(failed: Solution, plan: Solution) -> Solution | None:
     kept = all(r.ok for r in check_bounds(problem.bounds, plan.trajectory["t"], plan.trajectory))
     if problem.horizon.free or not kept or not plan.final_error <= failed.tolerance:
         return None
-    details = {**failed.details, "guess": "jacobian", "objective_value": plan.costs.get(problem.objective)}
+    cost = plan.costs.get(problem.objective)
+    details = {**failed.details, "guess": "jacobian", "objective_value": cost, "certified": False}
     for name in ("costates", "optimality"):
         details.pop(name, None)
     words = "Reached; optimality is not certified: this is the guess, over the problem's own basis"
