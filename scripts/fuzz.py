@@ -201,7 +201,7 @@ def bounded() -> Iterator[None]:
 
     before = signal.signal(signal.SIGALRM, end)
     signal.setitimer(signal.ITIMER_REAL, LONGEST)
-    faulthandler.dump_traceback_later(10 * LONGEST, exit=True)
+    faulthandler.dump_traceback_later(10 * LONGEST, exit=True, file=sys.__stderr__)
     try:
         yield
     finally:
