@@ -289,7 +289,7 @@ def test_what_stands_in_the_way_is_named_with_its_times(settings):
     assert solution.outcome in (Outcome.STAGNATED, Outcome.ITERATION_LIMIT)
     assert "leg_speed[" in solution.message
     assert " at t=" in solution.message
-    assert "or loosen leg_speed." in solution.message
+    assert "or loosen leg_speed" in solution.message
     assert solution.verdict.error > 1
 
 

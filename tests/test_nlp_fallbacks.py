@@ -9,12 +9,14 @@ from conftest import paper_problem, yaw
 from nhpocp import planning
 from nhpocp.constraints import Bound
 from nhpocp.flow.kernels import Interpreted
+from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Outcome
 from nhpocp.solvers.continuation import Continuation
 from nhpocp.solvers.guesses import SolverGuess
 from nhpocp.solvers.multiple_shooting import MultipleShooting
 from nhpocp.solvers.optimizers import ENDINGS, Ipopt, failed
 from nhpocp.solvers.step_rules import Adaptive
+from nhpocp.systems.heisenberg import Heisenberg
 
 FAR = {"position": [0, 0, 27], "orientation": yaw(np.radians(190))}
 START = {"position": [0, 0, 25], "orientation": yaw(np.radians(-100))}
@@ -57,7 +59,7 @@ def test_legs_that_are_too_slow_are_named_and_nothing_is_called_infeasible(limit
     problem = paper_problem(bounds=[Bound("leg_speed", "u", -limit, limit)])
     solution = planning.solve(problem, nlp(intervals=6, steps_per_interval=1))
     assert solution.outcome in (Outcome.STAGNATED, Outcome.ITERATION_LIMIT)
-    assert "or loosen leg_speed." in solution.message
+    assert "or loosen leg_speed" in solution.message
     assert "loosen continuity" not in solution.message
     assert "Guesses that were tried: problem: " in solution.message
     assert {attempt["guess"] for attempt in solution.details["attempts"]} == {
@@ -65,6 +67,20 @@ def test_legs_that_are_too_slow_are_named_and_nothing_is_called_infeasible(limit
         "straight",
         "jacobian",
     }
+
+
+def test_a_bound_that_leaves_no_way_is_named_before_more_iterations():
+    """With x held at 0 heisenberg's z never changes."""
+    problem = PlanningProblem(
+        system=Heisenberg(),
+        start={"x": 0.0, "y": 0.0, "z": 0.0},
+        goal={"x": 0.0, "y": 0.0, "z": 1.0},
+        initial=[[0, 0, 1, 0, 0], [0, 1, 0, 0, 0]],
+        bounds=[Bound("state.x", "x", 0.0, 0.0)],
+    )
+    solution = planning.solve(problem, nlp(intervals=6, optimizer=Ipopt(max_iterations=40)))
+    assert solution.outcome is Outcome.ITERATION_LIMIT
+    assert "or loosen state.x; or raise max_iterations" in solution.message
 
 
 def test_the_budget_is_kept_over_all_guesses():

@@ -338,10 +338,11 @@ class Run:
         if pressed:
             words += f". Held at their limits there: {self._listed(programme, optimum, pressed)}"
         advice = "Try another control.initial or solvers.nlp.initial, or more intervals"
-        if outcome is Outcome.ITERATION_LIMIT:
-            advice = f"Raise max_iterations. {advice}"
         if names := dict.fromkeys(rows[i].name.partition("[")[0] for i in [*stated, *pressed]):
             advice += f"; or loosen {', '.join(names)}"
+        if outcome is Outcome.ITERATION_LIMIT:
+            # where bounds stand in the way, more of the same is the last thing to try
+            advice = f"{advice}; or raise max_iterations" if names else f"Raise max_iterations. {advice}"
         return f"{words}. {advice}."
 
     def _listed(self, programme: Transcription, optimum: Optimum, places: list[int]) -> str:
