@@ -303,7 +303,7 @@ def test_ends_not_finite_without_a_guess():
 
 def test_a_straight_guess_over_half_a_turn_is_told_of():
     half = {"position": [0, 0, 30], "orientation": yaw(np.pi * 5 / 6)}
-    solver = MultipleShooting(intervals=8, guess=StraightGuess())
+    solver = MultipleShooting(intervals=6, guess=StraightGuess(), optimizer=Ipopt(max_iterations=40))
     solution = solver.solve(paper_problem(goal=half))
     assert any("half a turn" in words for words in [solution.message, *solution.warnings])
 

@@ -33,7 +33,7 @@ def posed(length, time, objective):
 
 
 def planned(length, time, objective):
-    solver = MultipleShooting(intervals=8, steps_per_interval=6, kernels=Interpreted())
+    solver = MultipleShooting(intervals=12, steps_per_interval=3, kernels=Interpreted())
     return planning.solve(posed(length, time, objective), solver)
 
 
