@@ -21,14 +21,12 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from goals import CLEAR, CLEAR_LENGTH, PAPER_START, paper_task
+from goals import paper_task, reachable_goals
 
 from nhpocp.arrays import Array
 from nhpocp.constraints import Bound, bound_rows
 from nhpocp.controls.control import Control
 from nhpocp.controls.piecewise_constant import PiecewiseConstant
-from nhpocp.flow.dynamics import Dynamics
-from nhpocp.flow.integrators import RungeKutta4
 from nhpocp.flow.kernels import Compiled, CompiledWhenReady, Interpreted, Kernels
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Solution
@@ -37,7 +35,6 @@ from nhpocp.systems.numeric import numeric_system
 from nhpocp.systems.three_upu import ThreeUPU
 from nhpocp.verification.replay import replay, sample
 
-NOISE = 0.3  # standard deviation of a coefficient of the control that makes a goal
 INSIDE = 0.1  # share of a quantity's range along the free optimum by which a bound is set inside its extreme
 TOLERANCE = 1e-3  # of E, and of bounds relative to their limits
 TIMES = 5000
@@ -114,24 +111,9 @@ def robot(name: str) -> ThreeUPU:
     return ROBOTS[name]()
 
 
-def drawn_goal(problem: PlanningProblem, seed: int) -> dict[str, Array]:
-    """The end point of Λ₀ plus noise on a path that stays clear of the singular surfaces."""
-    random, numeric = np.random.default_rng(seed), numeric_system(problem.system)
-    flow = RungeKutta4(200).flow(Dynamics(numeric.rate_function), problem.basis, 1.0)
-    while True:
-        path = flow.states(problem.start_point, PAPER_START + random.normal(0.0, NOISE, PAPER_START.shape))
-        if not np.isfinite(path).all():
-            continue
-        margins = numeric.margins(path, CLEAR_LENGTH)
-        one_side = all(np.all(v * v[0] > 0) for name, v in margins.items() if name.startswith("det"))
-        if one_side and all(margins[name].min() >= least for name, least in CLEAR.items()):
-            space = problem.system.state_space
-            return dict(space.unpack(space.nearest(path[-1])))
-
-
 def free_task(name: str, seed: int) -> PlanningProblem:
     problem = replace(paper_task("default"), system=robot(name), name=f"{name}, goal {seed}")
-    return replace(problem, goal=drawn_goal(problem, seed))
+    return replace(problem, goal=reachable_goals(problem, 1, seed)[0])
 
 
 def cases(

@@ -193,8 +193,12 @@ def _uncertified(ended: list[Solution]) -> Solution | None:
     ]
     if not plans:
         return None
-    plan = min(plans, key=_objective)
-    words = "Reached; optimality is not certified"
+    return _reached(min(plans, key=_objective), "")
+
+
+def _reached(plan: Solution, why: str) -> Solution:
+    """A solution that claims the goal, but no optimum, and says so."""
+    words = f"Reached; optimality is not certified{why}"
     return replace(
         plan,
         outcome=Outcome.CONVERGED,
@@ -211,21 +215,18 @@ def _taken_over(failed: Solution, plan: Solution) -> Solution | None:
     if problem.horizon.free or not kept or not plan.final_error <= failed.tolerance:
         return None
     cost = plan.costs.get(problem.objective)
-    details = {**failed.details, "guess": "jacobian", "objective_value": cost, "certified": False}
+    details = {**failed.details, "guess": "jacobian", "objective_value": cost}
     for name in ("costates", "optimality"):
         details.pop(name, None)
-    words = "Reached; optimality is not certified: this is the guess, over the problem's own basis"
-    return replace(
+    found = replace(
         failed,
-        outcome=Outcome.CONVERGED,
-        message=f"{words}. {failed.message}",
-        warnings=[*failed.warnings, words],
         final_error=plan.final_error,
         control=plan.control,
         trajectory=plan.trajectory,
         costs=plan.costs,
         details=details,
     )
+    return _reached(found, ": this is the guess, over the problem's own basis")
 
 
 def _rank(solution: Solution) -> tuple[bool, bool, float]:
