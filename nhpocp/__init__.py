@@ -33,14 +33,14 @@ if TYPE_CHECKING:
     from nhpocp.solution import Verdict as Verdict
     from nhpocp.solution_folder import load_solution as load_solution
     from nhpocp.solution_folder import save_solution as save_solution
-    from nhpocp.solvers.continuation import Continuation as Continuation
-    from nhpocp.solvers.generalized_inverses import CoefficientMetric as CoefficientMetric
-    from nhpocp.solvers.generalized_inverses import L2Metric as L2Metric
-    from nhpocp.solvers.generalized_inverses import MoorePenrose as MoorePenrose
-    from nhpocp.solvers.multiple_shooting import MultipleShooting as MultipleShooting
-    from nhpocp.solvers.step_rules import Adaptive as Adaptive
-    from nhpocp.solvers.step_rules import Euler as Euler
-    from nhpocp.solvers.step_rules import Ode as Ode
+    from nhpocp.solvers.continuation.continuation import Continuation as Continuation
+    from nhpocp.solvers.continuation.generalized_inverses import MoorePenrose as MoorePenrose
+    from nhpocp.solvers.continuation.step_rules import Adaptive as Adaptive
+    from nhpocp.solvers.continuation.step_rules import Euler as Euler
+    from nhpocp.solvers.continuation.step_rules import Ode as Ode
+    from nhpocp.solvers.metrics import CoefficientMetric as CoefficientMetric
+    from nhpocp.solvers.metrics import L2Metric as L2Metric
+    from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting as MultipleShooting
     from nhpocp.state_space import StateSpace as StateSpace
     from nhpocp.state_space import direction as direction
     from nhpocp.state_space import rotation as rotation

@@ -18,8 +18,8 @@ from nhpocp.errors import InvalidProblemError
 
 if TYPE_CHECKING:
     from nhpocp.comparison import Comparison, Entry
+    from nhpocp.interruption import Interruption
     from nhpocp.solution import Solution
-    from nhpocp.solvers.interruption import Interruption
 
 DRAWING = {"k": None, "error": None, "stage": "drawing"}
 SOLVED, NOT_SOLVED, BAD_INPUT, MISSING_PART = 0, 1, 2, 3
@@ -73,7 +73,7 @@ def solve(
 @contextmanager
 def _keeping() -> Iterator[Interruption]:
     """Ctrl-C is noted and kept for the solver, whatever is running."""
-    from nhpocp.solvers.interruption import Interruption
+    from nhpocp.interruption import Interruption
 
     with Interruption() as interruption:
         yield interruption
@@ -229,7 +229,7 @@ def _block(block: Mapping[str, Any]) -> str:
 def doctor(clear_cache: bool, as_json: bool) -> int:
     """Say which versions, plugins, compiler and compiled kernels are at hand."""
     if clear_cache:
-        from nhpocp.flow.kernel_folder import clear_cache as clear
+        from nhpocp.flow.compiled.kernel_folder import clear_cache as clear
 
         say(f"{clear()} kernels removed from the cache")
     from nhpocp.diagnosis import diagnose
