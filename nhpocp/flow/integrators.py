@@ -6,9 +6,8 @@ All are one kind of object: an `Integrator` makes a `Flow` for a right-hand side
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
-from math import ceil
 from typing import Any, ClassVar, Protocol
 
 import casadi as ca
@@ -25,7 +24,6 @@ from nhpocp.flow.runge_kutta import Bundle, Ends, Grid, Scheme, Sweep, Swept, en
 from nhpocp.provenance import afford
 
 WORTH_ASKING = 1e8  # bytes: asking the system for its free memory takes as long as a small sweep
-FEWEST, ENOUGH = 5.0, 10.0  # steps for each period of the fastest function of a basis
 
 
 class Flow(Protocol):
@@ -77,19 +75,6 @@ def uniform_grid(steps: int, breakpoints: Array, horizon: float) -> Array:
     kept = np.concatenate([[0.0], np.asarray(breakpoints, dtype=float), [horizon]])
     grid = np.linspace(0.0, horizon, steps + 1)
     return np.sort(np.concatenate([kept, grid[~beside(grid, kept, horizon)]]))
-
-
-def resolving(integrator: Integrator, basis: ControlBasis) -> Integrator:
-    """An integrator whose fixed steps see every oscillation of a basis: with more steps, where its own are too few."""
-    if not isinstance(integrator, RungeKutta4 | CasadiRungeKutta):
-        return integrator
-    steps = enough_steps(integrator.steps, basis)
-    return integrator if steps == integrator.steps else replace(integrator, steps=steps)
-
-
-def enough_steps(steps: int, basis: ControlBasis) -> int:
-    """These, or with fewer than `FEWEST` a period, so that they are blind to the control, as many as it takes."""
-    return steps if steps >= FEWEST * basis.oscillations else ceil(ENOUGH * basis.oscillations)
 
 
 def beside(times: Array, others: Array, horizon: float) -> Array:

@@ -246,7 +246,7 @@ def _certificate(entry: Entry) -> dict[str, Markup]:
         "intervals × integration steps in each": (
             f"{settings.get('intervals', words.MISSING)} × {details.get('steps_per_interval', words.MISSING)}"
         ),
-        "end point: these steps against 8 times as many": details.get("resimulated_gap"),
+        "end point: these steps against finer ones": details.get("resimulated_gap"),
         "defect of the first guess": details.get("guess_defect"),
         "constraints tightened between the nodes": ", ".join(details.get("tightened", [])) or "none",
         "starts": _starts(details.get("starts", [])),
