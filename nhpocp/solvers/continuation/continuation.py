@@ -21,8 +21,8 @@ from nhpocp.controls.control import Control
 from nhpocp.deferred import Deferred
 from nhpocp.flow.end_point_map import DifferentiatedEndPointMap, EndPointMapFactory
 from nhpocp.flow.integrators import Integrator, RungeKutta4
-from nhpocp.flow.step_error import ALLOWED, StepError, enough_steps, resolving
 from nhpocp.flow.simulation import simulate
+from nhpocp.flow.step_error import ALLOWED, StepError, enough_steps, resolving
 from nhpocp.interruption import Interruption
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Outcome, Progress, Solution, Solver
