@@ -41,7 +41,7 @@ def kept(most: int) -> Callable[[Callable[..., R]], Keeping[R]]:
         made: deque[tuple[ref[Any], tuple[Any, ...]]] = deque()
 
         @wraps(make)
-        def found(owner: Any, *rest: Any) -> R:
+        def looked_up(owner: Any, *rest: Any) -> R:
             try:
                 return owner.__dict__[slot][rest]
             except KeyError:
@@ -62,7 +62,7 @@ def kept(most: int) -> Callable[[Callable[..., R]], Keeping[R]]:
             while made:
                 let_go_of_first()
 
-        keeping: Any = found
+        keeping: Any = looked_up
         keeping.cache_clear = cache_clear
         return keeping
 
