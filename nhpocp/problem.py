@@ -244,7 +244,7 @@ class PlanningProblem(Frozen):
         """What may be bounded. Errors: `InvalidProblemError` where two entries of a trajectory have one name."""
         parts = numeric_system(self.system).quantities
         check_names(parts)
-        signs = [det(name).name for name in self.system.regularity(self.start_point)]
+        signs = [det(name).name for name in numeric_system(self.system).matrices]
         return [block.name for _, block in parts if block.name not in signs]
 
     def towards(self, goal: Mapping[str, Any]) -> Self:

@@ -7,7 +7,7 @@ has ``dimension`` numbers, a rotation taking three: the angular velocity ω in b
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import product
 from math import prod
 from typing import Any, ClassVar, Literal
@@ -35,7 +35,7 @@ class Block:
     kind: Kind
     components: int = 1  # numbers of a vector, or in each row of a matrix
     unit: Unit = ""
-    symbol: str = ""
+    symbol: str = field(default="", compare=False)
     rows: int = 1  # of a matrix
     wraps: bool = False
     of_pose: bool = False

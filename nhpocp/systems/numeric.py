@@ -65,6 +65,11 @@ class NumericSystem:
     def _regularity(self) -> tuple[ca.Function, dict[str, tuple[int, int]]]:
         return self._function("regularity", self._matrices(tuple(self.system.regularity(self._state))))
 
+    @property
+    def matrices(self) -> tuple[str, ...]:
+        """The names of the regularity matrices."""
+        return tuple(self._regularity[1])
+
     @cached_property
     def quantities(self) -> list[tuple[str, Block]]:
         """Of each part of a trajectory what it is, state, input, output or margin, and its block."""
@@ -76,7 +81,7 @@ class NumericSystem:
             if shape != tuple(size for size in block.shape if size > 1):
                 raise InvalidProblemError(f"output {name!r} is of shape {shape}; declared is {block.shape}")
             outputs.append(block)
-        margins = [kind(name) for kind in (sigma, det) for name in self._regularity[1]]
+        margins = [kind(name) for kind in (sigma, det) for name in self.matrices]
         return [
             *(("state", block) for block in self.system.state_space.blocks),
             *(("input", block) for block in self.system.input_space.blocks),
