@@ -29,7 +29,9 @@ class Kept(dict[Any, Any]):
         return Kept, ()
 
 
-def kept(most: int, size: Callable[[Any], int] = lambda result: 1) -> Callable[[Callable[..., R]], Keeping[R]]:
+def kept(
+    most: int, size: Callable[[Any], int] = lambda result: 1
+) -> Callable[[Callable[..., R]], Keeping[R]]:
     """`functools.lru_cache` for a function of an owner and what tells its results apart, without holding the owner.
 
     ``most``: results that are kept, of all owners together, or the sum of what their ``size`` says, but always the

@@ -22,7 +22,7 @@ import click
 from nhpocp.cli.analyzing import analyze
 from nhpocp.cli.animating import animate
 from nhpocp.cli.starting import init, schema
-from nhpocp.cli.terminal import error_data, open_streams, put, say
+from nhpocp.cli.terminal import error_data, open_streams, put, say, visible
 from nhpocp.cli.verbs import BAD_INPUT, MISSING_PART, NOT_SOLVED, SOLVED, cli
 from nhpocp.errors import MissingDependencyError, NhpocpError
 
@@ -55,8 +55,10 @@ def status(arguments: Sequence[str]) -> int:
             found = cli.main(args=list(arguments), prog_name="nhpocp", standalone_mode=False)
         sys.stdout.flush()
     except click.ClickException as error:
+        data = error_data(error, message=error.format_message())
+        error.message = visible(error.message)
         error.show()
-        return _answer(as_json, error_data(error, message=error.format_message()), BAD_INPUT)
+        return _answer(as_json, data, BAD_INPUT)
     except (click.Abort, KeyboardInterrupt) as error:
         say(BY_HAND)
         return _answer(as_json, error_data(error, message=BY_HAND), NOT_SOLVED)

@@ -23,8 +23,8 @@ from nhpocp.systems.numeric import numeric_system
 from nhpocp.systems.system import System
 from nhpocp.task import Task
 
-# instructions of all intervals that are kept, whatever their system: a thousand take 3.5 MB, so that this is 200 MB; and
-# as how many an interval counts besides, for what it keeps of its system
+# instructions of all intervals that are kept, whatever their system: a thousand take 3.5 MB; and as
+# how many an interval counts besides, for what it keeps of its system
 MOST, BESIDES = 56_000, 8_000
 # what counts as 1, and the length that softens `path_length`; one for every bound follows
 UNITS = ("length", "number", "time", "cost", "soft")
