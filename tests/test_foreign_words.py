@@ -74,6 +74,8 @@ def test_keys_and_names_of_a_file_are_shown_spelt_out(tmp_path, capsys):
     )
     assert status(["check", str(file)]) == 2
     assert "\\x1b[2J\\x9b" in capsys.readouterr().err
+    assert status(["check", "--\x1b[2J\x9b"]) == 2
+    assert clean(capsys.readouterr().err)
     for verb in ("check", "verify", "plot"):
         assert status([verb, str(tmp_path / EVIL.replace("\0", ""))]) == 2
         shown = capsys.readouterr()

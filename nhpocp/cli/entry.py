@@ -6,6 +6,7 @@ Exit status: 0 solved and verified, 1 not (everything is still written), 2 bad i
 from __future__ import annotations
 
 import gc
+import io
 import logging
 import os
 import signal
@@ -22,7 +23,7 @@ import click
 from nhpocp.cli.analyzing import analyze
 from nhpocp.cli.animating import animate
 from nhpocp.cli.starting import init, schema
-from nhpocp.cli.terminal import error_data, open_streams, put, say, visible
+from nhpocp.cli.terminal import error_data, open_streams, put, say
 from nhpocp.cli.verbs import BAD_INPUT, MISSING_PART, NOT_SOLVED, SOLVED, cli
 from nhpocp.errors import MissingDependencyError, NhpocpError
 
@@ -57,10 +58,9 @@ def status(arguments: Sequence[str]) -> int:
             found = cli.main(args=list(arguments), prog_name="nhpocp", standalone_mode=False)
         sys.stdout.flush()
     except click.ClickException as error:
-        data = error_data(error, message=error.format_message())
-        error.message = visible(error.message)
-        error.show()
-        return _answer(as_json, data, BAD_INPUT)
+        error.show(words := io.StringIO())
+        say(words.getvalue().rstrip("\n"))
+        return _answer(as_json, error_data(error, message=error.format_message()), BAD_INPUT)
     except (click.Abort, KeyboardInterrupt) as error:
         say(BY_HAND)
         return _answer(as_json, error_data(error, message=BY_HAND), NOT_SOLVED)
