@@ -6,6 +6,7 @@ Exit status: 0 solved and verified, 1 not (everything is still written), 2 bad i
 from __future__ import annotations
 
 import gc
+import io
 import logging
 import os
 import signal
@@ -57,7 +58,8 @@ def status(arguments: Sequence[str]) -> int:
             found = cli.main(args=list(arguments), prog_name="nhpocp", standalone_mode=False)
         sys.stdout.flush()
     except click.ClickException as error:
-        error.show()
+        error.show(words := io.StringIO())
+        say(words.getvalue().rstrip("\n"))
         return _answer(as_json, error_data(error, message=error.format_message()), BAD_INPUT)
     except (click.Abort, KeyboardInterrupt) as error:
         say(BY_HAND)
