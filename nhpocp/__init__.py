@@ -33,14 +33,14 @@ if TYPE_CHECKING:
     from nhpocp.solution import Verdict as Verdict
     from nhpocp.solution_folder import load_solution as load_solution
     from nhpocp.solution_folder import save_solution as save_solution
-    from nhpocp.solvers.continuation import Continuation as Continuation
-    from nhpocp.solvers.generalized_inverses import CoefficientMetric as CoefficientMetric
-    from nhpocp.solvers.generalized_inverses import L2Metric as L2Metric
-    from nhpocp.solvers.generalized_inverses import MoorePenrose as MoorePenrose
-    from nhpocp.solvers.multiple_shooting import MultipleShooting as MultipleShooting
-    from nhpocp.solvers.step_rules import Adaptive as Adaptive
-    from nhpocp.solvers.step_rules import Euler as Euler
-    from nhpocp.solvers.step_rules import Ode as Ode
+    from nhpocp.solvers.continuation.continuation import Continuation as Continuation
+    from nhpocp.solvers.continuation.generalized_inverses import MoorePenrose as MoorePenrose
+    from nhpocp.solvers.continuation.step_rules import Adaptive as Adaptive
+    from nhpocp.solvers.continuation.step_rules import Euler as Euler
+    from nhpocp.solvers.continuation.step_rules import Ode as Ode
+    from nhpocp.solvers.metrics import CoefficientMetric as CoefficientMetric
+    from nhpocp.solvers.metrics import L2Metric as L2Metric
+    from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting as MultipleShooting
     from nhpocp.state_space import StateSpace as StateSpace
     from nhpocp.state_space import direction as direction
     from nhpocp.state_space import rotation as rotation
@@ -59,27 +59,27 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 _HOMES = {
-    "Adaptive": "solvers.step_rules",
+    "Adaptive": "solvers.continuation.step_rules",
     "BSpline": "controls.bspline",
     "Analysis": "analysis",
     "CasadiRungeKutta": "flow.integrators",
-    "CoefficientMetric": "solvers.generalized_inverses",
+    "CoefficientMetric": "solvers.metrics",
     "Comparison": "comparison",
-    "Continuation": "solvers.continuation",
+    "Continuation": "solvers.continuation.continuation",
     "Control": "controls.control",
     "Cvodes": "flow.integrators",
-    "Euler": "solvers.step_rules",
+    "Euler": "solvers.continuation.step_rules",
     "Fourier": "controls.fourier",
     "FrozenError": "errors",
     "Horizon": "problem",
     "InvalidProblemError": "errors",
-    "L2Metric": "solvers.generalized_inverses",
+    "L2Metric": "solvers.metrics",
     "Leg": "systems.legs",
     "Legendre": "controls.legendre",
-    "MoorePenrose": "solvers.generalized_inverses",
-    "MultipleShooting": "solvers.multiple_shooting",
+    "MoorePenrose": "solvers.continuation.generalized_inverses",
+    "MultipleShooting": "solvers.nlp.multiple_shooting",
     "NhpocpError": "errors",
-    "Ode": "solvers.step_rules",
+    "Ode": "solvers.continuation.step_rules",
     "Outcome": "solution",
     "ParallelRobot": "systems.parallel_robot",
     "Parameter": "systems.system",

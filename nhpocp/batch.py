@@ -10,11 +10,11 @@ from typing import Any
 
 from nhpocp.controls.control import Control
 from nhpocp.errors import InvalidProblemError
+from nhpocp.interruption import Interruption
 from nhpocp.planning import default_solver, refused
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Outcome, Solver
-from nhpocp.solvers.interruption import Interruption
-from nhpocp.solvers.lockstep import reached_together
+from nhpocp.solvers.continuation.lockstep import reached_together
 from nhpocp.solvers.workers import awaited, packed, permit, submitted, unpacked
 
 TOGETHER = 64  # goals planned at once; more gain little

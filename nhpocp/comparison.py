@@ -18,11 +18,11 @@ import numpy as np
 from nhpocp import planning
 from nhpocp.errors import InvalidProblemError, NhpocpError
 from nhpocp.flow.simulation import simulate
-from nhpocp.machine import machine, peak_memory, reset_peak_memory
+from nhpocp.interruption import Interruption
 from nhpocp.problem import PlanningProblem
+from nhpocp.provenance import machine, peak_memory, reset_peak_memory
 from nhpocp.solution import Outcome, Progress, Solution, Solver, telling
-from nhpocp.solvers.guesses import starting_horizon
-from nhpocp.solvers.interruption import Interruption
+from nhpocp.solvers.nlp.guesses import starting_horizon
 
 SCHEMA_VERSION = 1
 VARIANTS = ("jacobian", "nlp")
@@ -211,11 +211,11 @@ def _own(problem: PlanningProblem, name: str) -> Run:
     if name in problem.solvers:
         return Run(problem, problem.solvers[name], name)
     if name == "jacobian":
-        from nhpocp.solvers.continuation import Continuation
+        from nhpocp.solvers.continuation.continuation import Continuation
 
         return Run(problem, Continuation(), name)
     if name == "nlp":
-        from nhpocp.solvers.multiple_shooting import MultipleShooting
+        from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting
 
         return Run(problem, MultipleShooting(), name)
     raise InvalidProblemError(

@@ -6,11 +6,11 @@ from typing import Any
 
 import casadi as ca
 
-from nhpocp.flow.kernel_folder import cached
-from nhpocp.machine import environment
+from nhpocp.flow.compiled.kernel_folder import cached
+from nhpocp.interruption import Interruption
 from nhpocp.problem_file.registry import SYSTEMS, every_class
-from nhpocp.solvers.interruption import Interruption
-from nhpocp.solvers.optimizers import LINEAR_SOLVERS
+from nhpocp.provenance import environment
+from nhpocp.solvers.nlp.optimizers import LINEAR_SOLVERS
 
 
 def diagnose() -> dict[str, Any]:

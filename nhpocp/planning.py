@@ -12,11 +12,11 @@ from nhpocp.constraints import check_bounds
 from nhpocp.deferred import at_hand
 from nhpocp.flow.simulation import simulate
 from nhpocp.foreseen import contradiction, endless
+from nhpocp.interruption import Interruption
 from nhpocp.kept import let_go
 from nhpocp.problem import PlanningProblem
 from nhpocp.scales import coarse
 from nhpocp.solution import Outcome, Progress, Solution, Solver
-from nhpocp.solvers.interruption import Interruption
 from nhpocp.systems.numeric import NumericSystem, numeric_system
 from nhpocp.verification import verify
 
@@ -85,7 +85,7 @@ def _with_pose(solution: Solution) -> Solution:
 
 def default_solver(problem: PlanningProblem) -> Solver:
     """The problem's own Jacobian method."""
-    from nhpocp.solvers.continuation import Continuation
+    from nhpocp.solvers.continuation.continuation import Continuation
 
     return problem.solvers.get("jacobian") or Continuation()
 

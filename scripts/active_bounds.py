@@ -27,10 +27,10 @@ from nhpocp.arrays import Array
 from nhpocp.constraints import Bound, bound_rows
 from nhpocp.controls.control import Control
 from nhpocp.controls.piecewise_constant import PiecewiseConstant
-from nhpocp.flow.kernels import Compiled, CompiledWhenReady, Interpreted, Kernels
+from nhpocp.flow.compiled.kernels import Compiled, CompiledWhenReady, Interpreted, Kernels
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Solution
-from nhpocp.solvers.multiple_shooting import MultipleShooting
+from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting
 from nhpocp.systems.numeric import numeric_system
 from nhpocp.systems.three_upu import ThreeUPU
 from nhpocp.verification.replay import replay, sample

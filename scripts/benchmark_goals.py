@@ -29,11 +29,11 @@ from nhpocp import planning
 from nhpocp.controls.control import Control
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Outcome, Solution, Solver
-from nhpocp.solvers.continuation import Continuation
-from nhpocp.solvers.multiple_shooting import MultipleShooting
-from nhpocp.solvers.optimizers import Ipopt
-from nhpocp.solvers.step_rules import Adaptive, Euler
-from nhpocp.solvers.strategies import Auto
+from nhpocp.solvers.continuation.auto import Auto
+from nhpocp.solvers.continuation.continuation import Continuation
+from nhpocp.solvers.continuation.step_rules import Adaptive, Euler
+from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting
+from nhpocp.solvers.nlp.optimizers import Ipopt
 
 Row = dict[str, Any]
 INTERVALS = 50  # of the NLP, per manoeuvre of the plan that it starts from

@@ -21,8 +21,8 @@ import rival_nlpsol
 import rival_opti
 
 import nhpocp
-from nhpocp.flow.kernels import Compiled, Interpreted, Kernels
-from nhpocp.solvers.multiple_shooting import MultipleShooting
+from nhpocp.flow.compiled.kernels import Compiled, Interpreted, Kernels
+from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting
 
 INTERVALS = 50
 OPTIMUM = 2.05082  # [physics §2]
@@ -38,8 +38,8 @@ WANTED = [  # (one, other, at most)
 ]
 PEAK = """
 import sys
-from nhpocp.flow.kernels import Compiled, Interpreted
-from nhpocp.machine import peak_memory, reset_peak_memory
+from nhpocp.flow.compiled.kernels import Compiled, Interpreted
+from nhpocp.provenance import peak_memory, reset_peak_memory
 sys.path.insert(0, {folder!r})
 import benchmark_nlp, rival_nlpsol
 before = (reset_peak_memory(), peak_memory())[1]

@@ -13,9 +13,9 @@ import numpy as np
 
 import nhpocp
 from nhpocp.calls import call
+from nhpocp.flow.compiled.kernels import Compiled, Interpreted
 from nhpocp.flow.end_point_map import DifferentiatedEndPointMap, EndPointMapFactory, VariationalEndPointMap
 from nhpocp.flow.integrators import CasadiRungeKutta, Cvodes, Integrator, RungeKutta4
-from nhpocp.flow.kernels import Compiled, Interpreted
 from nhpocp.flow.runge_kutta import runge_kutta_step
 from nhpocp.systems.numeric import numeric_system
 

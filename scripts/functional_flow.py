@@ -24,9 +24,9 @@ from nhpocp.controls.projection import project
 from nhpocp.flow.integrators import RungeKutta4
 from nhpocp.flow.variational import linearisation
 from nhpocp.problem import PlanningProblem
-from nhpocp.solvers.continuation import Continuation
-from nhpocp.solvers.generalized_inverses import L2Metric
-from nhpocp.solvers.step_rules import Euler
+from nhpocp.solvers.continuation.continuation import Continuation
+from nhpocp.solvers.continuation.step_rules import Euler
+from nhpocp.solvers.metrics import L2Metric
 from nhpocp.systems.numeric import numeric_system
 
 GAMMA, UPDATES = 0.1, 30

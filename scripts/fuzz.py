@@ -31,7 +31,7 @@ from typing import Any
 from ruamel.yaml import YAML
 
 from nhpocp.cli.entry import status
-from nhpocp.machine import peak_memory, reset_peak_memory
+from nhpocp.provenance import peak_memory, reset_peak_memory
 
 PROBLEMS = Path(__file__).parents[1] / "problems"
 LONGEST = 20.0  # seconds of one call

@@ -14,7 +14,7 @@ from statistics import median
 from time import perf_counter
 from typing import Any, TypeVar
 
-from nhpocp.machine import compiler, machine
+from nhpocp.provenance import compiler, machine
 
 Name = TypeVar("Name", bound=Hashable)
 SCRIPTS = Path(__file__).parent

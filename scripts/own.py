@@ -13,12 +13,12 @@ from collections.abc import Callable
 import numpy as np
 from goals import paper_task
 
+from nhpocp.flow.compiled.kernels import Compiled, Interpreted, Kernels
 from nhpocp.flow.integrators import RungeKutta4
-from nhpocp.flow.kernels import Compiled, Interpreted, Kernels
 from nhpocp.solution import Outcome, Solver
-from nhpocp.solvers.continuation import Continuation
-from nhpocp.solvers.step_rules import Adaptive, Euler
-from nhpocp.solvers.strategies import Auto
+from nhpocp.solvers.continuation.auto import Auto
+from nhpocp.solvers.continuation.continuation import Continuation
+from nhpocp.solvers.continuation.step_rules import Adaptive, Euler
 
 INTERVALS = 50
 EVALUATION: dict[str, Callable[[], Kernels]] = {"compiled": Compiled, "interpreted": Interpreted}
@@ -26,7 +26,7 @@ EVALUATION: dict[str, Callable[[], Kernels]] = {"compiled": Compiled, "interpret
 
 def nlp(kernels: Kernels, intervals: int) -> Solver:
     """One RK4 step per interval, as in the rivals' scripts."""
-    from nhpocp.solvers.multiple_shooting import MultipleShooting  # not paid for by the others
+    from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting  # not paid for by the others
 
     return MultipleShooting(intervals=intervals, steps_per_interval=1, kernels=kernels)
 

@@ -19,10 +19,9 @@ os.environ["NHPOCP_COMPILE"] = "never"  # `auto` builds nothing in the backgroun
 import numpy as np
 import pytest
 
-from nhpocp import so3
+from nhpocp import interruption, so3
 from nhpocp.arrays import namespace
 from nhpocp.problem import PlanningProblem
-from nhpocp.solvers import interruption
 from nhpocp.state_space import StateSpace, rotation, scalar
 from nhpocp.systems.system import Parameter, System
 from nhpocp.systems.three_upu import ThreeUPU

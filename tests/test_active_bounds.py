@@ -3,8 +3,8 @@
 import active_bounds
 import pytest
 
-from nhpocp.flow.kernels import Interpreted
-from nhpocp.solvers.multiple_shooting import MultipleShooting
+from nhpocp.flow.compiled.kernels import Interpreted
+from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting
 
 INTERVALS = 15
 SAMPLE = [  # (robot, kind, goal); a leg is often longest at the goal, where such a bound leaves no interior

@@ -20,7 +20,7 @@ from nhpocp.problem import Horizon, PlanningProblem
 from nhpocp.problem_file import load_problem
 from nhpocp.solution_folder import plain
 from nhpocp.solution_folder.target import ANALYSIS_PICTURES
-from nhpocp.solvers import guesses
+from nhpocp.solvers.nlp import guesses
 from nhpocp.views import analysis_figures
 
 LIBRARY = sorted((Path(__file__).parents[1] / "problems").glob("*.yaml"))

@@ -23,8 +23,8 @@ from nhpocp.problem_file import load_problem
 from nhpocp.problem_file.registry import SYSTEMS
 from nhpocp.solution import Outcome, Solution
 from nhpocp.solution_folder import load_solution, save_solution
-from nhpocp.solvers.continuation import Continuation
-from nhpocp.solvers.step_rules import Euler
+from nhpocp.solvers.continuation.continuation import Continuation
+from nhpocp.solvers.continuation.step_rules import Euler
 from nhpocp.views import animation
 from nhpocp.views.animation import LARGEST, animate_runs, render, write_animation
 

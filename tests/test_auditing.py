@@ -23,12 +23,12 @@ from nhpocp.problem_file.registry import SYSTEMS
 from nhpocp.solution import Outcome
 from nhpocp.solution_folder import audit, load_solution, save_solution
 from nhpocp.solution_folder.plain_data import as_text, checksum
-from nhpocp.solvers.continuation import Continuation
-from nhpocp.solvers.multi_start import MultiStart
-from nhpocp.solvers.multiple_shooting import MultipleShooting
-from nhpocp.solvers.optimizers import Ipopt
-from nhpocp.solvers.step_rules import Adaptive, Euler
-from nhpocp.solvers.strategies import Auto
+from nhpocp.solvers.continuation.auto import Auto
+from nhpocp.solvers.continuation.continuation import Continuation
+from nhpocp.solvers.continuation.multi_start import MultiStart
+from nhpocp.solvers.continuation.step_rules import Adaptive, Euler
+from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting
+from nhpocp.solvers.nlp.optimizers import Ipopt
 from nhpocp.verification import verify
 from nhpocp.verification.costs import replayed_costs
 

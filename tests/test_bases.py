@@ -23,9 +23,9 @@ from nhpocp.controls.table import Gram
 from nhpocp.errors import InvalidProblemError
 from nhpocp.flow.simulation import simulate
 from nhpocp.problem_file import control_from_json, dump_problem, parse_problem
-from nhpocp.solvers.continuation import Continuation
-from nhpocp.solvers.multiple_shooting import MultipleShooting
-from nhpocp.solvers.step_rules import Adaptive
+from nhpocp.solvers.continuation.continuation import Continuation
+from nhpocp.solvers.continuation.step_rules import Adaptive
+from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting
 
 LAW = settings(max_examples=25, deadline=None, derandomize=True)
 BASES = [

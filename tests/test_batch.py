@@ -12,8 +12,8 @@ from goals import reachable_goals
 
 import nhpocp
 from nhpocp.solution import Outcome
-from nhpocp.solvers.continuation import Continuation
-from nhpocp.solvers.step_rules import Adaptive
+from nhpocp.solvers.continuation.continuation import Continuation
+from nhpocp.solvers.continuation.step_rules import Adaptive
 
 
 @pytest.fixture(scope="module")
@@ -101,7 +101,7 @@ def test_an_interrupted_series_ends_as_interrupted(task, monkeypatch):
     plans = nhpocp.plan_many(problem, goals, Continuation(step_rule=Adaptive()), together=1)
     assert next(plans).outcome is Outcome.CONVERGED
     monkeypatch.setattr(
-        "nhpocp.solvers.interruption.Interruption.check",
+        "nhpocp.interruption.Interruption.check",
         lambda self: (_ for _ in ()).throw(KeyboardInterrupt),
     )
     with pytest.raises(KeyboardInterrupt):

@@ -29,7 +29,7 @@ from nhpocp.problem import Horizon, PlanningProblem
 from nhpocp.problem_file import load_problem, variant
 from nhpocp.solution import Outcome, Solution, Verdict
 from nhpocp.solution_folder import folder_name, save_solution
-from nhpocp.solvers.continuation import Continuation
+from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.views.report import write_report
 
 PROBLEMS = Path(__file__).parents[1] / "problems"

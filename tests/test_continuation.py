@@ -13,9 +13,10 @@ from nhpocp.flow.integrators import CasadiRungeKutta, Cvodes, RungeKutta4
 from nhpocp.flow.simulation import simulate
 from nhpocp.problem import Horizon, PlanningProblem
 from nhpocp.solution import Outcome
-from nhpocp.solvers.continuation import Continuation
-from nhpocp.solvers.generalized_inverses import CoefficientMetric, Damped, L2Metric, Transpose
-from nhpocp.solvers.step_rules import Adaptive, Euler, Ode
+from nhpocp.solvers.continuation.continuation import Continuation
+from nhpocp.solvers.continuation.generalized_inverses import Damped, Transpose
+from nhpocp.solvers.continuation.step_rules import Adaptive, Euler, Ode
+from nhpocp.solvers.metrics import CoefficientMetric, L2Metric
 from nhpocp.systems.three_upu import ThreeUPU
 
 FINAL = np.array(  # [physics §2], default preset, γ = .1

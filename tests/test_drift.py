@@ -20,7 +20,7 @@ from nhpocp.flow.simulation import simulate
 from nhpocp.problem import Horizon, PlanningProblem, Via
 from nhpocp.problem_file.building import build_solver
 from nhpocp.solution import Outcome
-from nhpocp.solvers.guesses import StraightGuess
+from nhpocp.solvers.nlp.guesses import StraightGuess
 
 ASHORE = {"position": [0.0, 0.0], "theta": 0.0}
 SOLVERS = {

@@ -19,15 +19,15 @@ from nhpocp.controls.control import Control
 from nhpocp.controls.fourier import Fourier
 from nhpocp.controls.legendre import Legendre
 from nhpocp.controls.piecewise_constant import PiecewiseConstant
-from nhpocp.flow.kernels import Compiled, Interpreted
+from nhpocp.flow.compiled.kernels import Compiled, Interpreted
 from nhpocp.problem import Horizon, PlanningProblem
 from nhpocp.problem_file import control_from_json, registry
 from nhpocp.problem_file.building import build_solver
 from nhpocp.solution import Outcome
-from nhpocp.solvers.multiple_shooting import MultipleShooting
-from nhpocp.solvers.optimizers import Fatrop, Ipopt
-from nhpocp.solvers.single_shooting import SingleShooting
-from nhpocp.solvers.transcription import Transcription
+from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting
+from nhpocp.solvers.nlp.optimizers import Fatrop, Ipopt
+from nhpocp.solvers.nlp.single_shooting import SingleShooting
+from nhpocp.solvers.nlp.transcription import Transcription
 from nhpocp.state_space import StateSpace, rotation, scalar
 from nhpocp.systems.parallel_robot import ParallelRobot
 from nhpocp.systems.system import Parameter, System

@@ -1,7 +1,8 @@
-"""The house's floors: imports point down only (README's map), heavy libraries stay in their rooms."""
+"""The house as nhpocp/README.md draws it: imports point down and along arrows, heavy libraries stay in their rooms."""
 
 import ast
 import importlib
+import re
 import subprocess
 import sys
 from graphlib import TopologicalSorter
@@ -10,41 +11,43 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1] / "nhpocp"
-FLOORS = {
-    0: ("arrays", "calls", "deferred", "errors", "frozen", "kept", "machine", "so3", "state_space", "whole"),
-    1: ("systems", "controls"),
-    2: ("flow", "solution", "problem", "task", "constraints", "objectives", "scales"),
-    3: ("solvers",),
-    4: ("planning", "foreseen", "batch", "verification", "comparison", "analysis", "views"),
-    5: ("problem_file", "solution_folder", "comparison_folder", "analysis_folder", "sweep", "diagnosis"),
-    6: ("__main__", "cli"),
-}
-CHAINS = [  # inside a floor: a group may import the groups to its right, never those to its left
-    ["state_space", "so3", "arrays"],
-    ["state_space", "frozen", "errors"],
-    ["calls", "arrays kept"],
-    ["controls", "controls.basis", "controls.table"],
-    ["systems", "systems.system"],
-    ["flow.end_point_map flow.simulation", "flow.variational", "flow.integrators flow.kernels"],
-    ["solution", "problem", "task constraints", "scales objectives"],
-    ["solvers.lockstep", "solvers.strategies", "solvers.continuation", "solvers.generalized_inverses"],
-    ["solvers.multiple_shooting", "solvers.shooting_run", "solvers.transcription", "solvers.interval"],
-    ["solvers.multiple_shooting", "solvers.strategies", "solvers.generalized_inverses"],
-    ["comparison batch", "planning", "verification foreseen"],
-    ["views", "analysis", "verification"],
-    ["views.film", "views.animation", "views.scene views.curves", "views.plots views.drawing", "views.style"],
-    ["analysis.analysis", "analysis.verdict analysis.agility", "analysis.growth", "analysis.brackets"],
-    ["sweep diagnosis comparison_folder analysis_folder", "problem_file solution_folder"],
-]
+
+
+def drawn(text):
+    """Floors (room → number) and arrows (room → rooms on the same floor) of the map's lines."""
+    floors, arrows, number = {}, {}, None
+    for line in text.splitlines():
+        given, chain = re.fullmatch(r"(\d)?\s+(.*)", line).groups()
+        number = int(given) if given else number
+        groups = [[name.strip().replace("/", ".") for name in part.split(",")] for part in chain.split("->")]
+        for group, targets in zip(groups, [*groups[1:], []], strict=True):
+            for room in group:
+                floors.setdefault(room, number)
+                assert floors[room] == number, f"{room} stands on two floors"
+                arrows.setdefault(room, set()).update(targets)
+    return floors, arrows
+
+
+def reached(graph, start):
+    """All that arrows lead to, from one node."""
+    seen, waiting = set(), [start]
+    while waiting:
+        new = graph[waiting.pop()] - seen
+        seen |= new
+        waiting += new
+    return seen
+
+
+FLOORS, ARROWS = drawn(
+    re.search(r"## The map.*?```\n(.*?)\n```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL)[1]
+)
 ROOMS = {
     "matplotlib": ("views",),
     "mpl_toolkits": ("views",),
     "PIL": ("views",),
     "jinja2": ("views",),
-    "dask": ("sweep",),
-    "distributed": ("sweep",),
-    "ruamel": ("problem_file", "solution_folder"),
-    "yaml": ("problem_file", "solution_folder"),
+    "ruamel": ("problem_file",),
+    "pydantic": ("problem_file", "solution_folder"),
     "click": ("cli",),
     "rich": ("cli",),
 }
@@ -86,27 +89,34 @@ GRAPH = {
 }
 
 
-def floor(module):
-    (found,) = [number for number, group in FLOORS.items() if within(module, group)]
-    return found
+def room(module):
+    """The innermost room of the map that a module is in; the package of a room alone is in none."""
+    names = [name for name in FLOORS if within(module, [name])]
+    return max(names, key=len, default=None)
 
 
 @pytest.mark.parametrize("module", MODULES)
-def test_imports_point_down_only(module):
+def test_imports_point_down_and_along_the_arrows(module):
+    here = room(module)
+    if here is None:  # a package with rooms in it holds words only
+        assert not GRAPH[module]
+        return
     for target in GRAPH[module]:
         assert target in MODULES, f"{module} imports nhpocp.{target}, which does not exist"
-        assert floor(target) <= floor(module), f"{module} (floor {floor(module)}) imports {target}"
-    for chain in CHAINS:
-        # the most specific group decides: controls.basis stands right of controls
-        def place(name, chain=chain):
-            fits = [(len(g), i) for i, part in enumerate(chain) for g in part.split() if within(name, [g])]
-            return max(fits)[1] if fits else None
+        there = room(target)
+        down = FLOORS[there] < FLOORS[here] or there == here or there in reached(ARROWS, here)
+        assert down, (
+            f"{module} (floor {FLOORS[here]}) imports {target}: the map leads nowhere from {here} to {there}"
+        )
 
-        for target in GRAPH[module]:
-            if place(module) is not None and place(target) is not None:
-                assert place(module) <= place(target), (
-                    f"{module} imports {target}: against {' -> '.join(chain)}"
-                )
+
+def test_the_map_shows_what_there_is():
+    assert {room(module) for module in MODULES} - {None} == set(FLOORS)
+    assert list(TopologicalSorter(ARROWS).static_order())
+    used = {(room(module), room(target)) for module in MODULES for target in GRAPH[module]}
+    assert {(here, there) for here in ARROWS for there in ARROWS[here]} <= used, (
+        "an arrow that nobody goes along"
+    )
 
 
 def test_no_module_imports_in_a_circle():
@@ -119,11 +129,7 @@ def test_nobody_inside_uses_the_public_door():
 
 
 def test_verification_shares_nothing_with_what_it_judges():
-    seen, waiting = set(), ["verification"] if "verification" in MODULES else []
-    while waiting:
-        module = waiting.pop()
-        seen.add(module)
-        waiting += GRAPH[module] - seen
+    seen = {name for module in MODULES if within(module, ["verification"]) for name in reached(GRAPH, module)}
     assert not [module for module in seen if within(module, ("flow", "solvers"))]
 
 

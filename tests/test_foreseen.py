@@ -8,14 +8,14 @@ from conftest import Integrators, paper_problem
 
 import nhpocp
 from nhpocp.constraints import Bound
-from nhpocp.flow.kernels import Interpreted
+from nhpocp.flow.compiled.kernels import Interpreted
 from nhpocp.foreseen import contradiction, endless
 from nhpocp.problem import Horizon, PlanningProblem
 from nhpocp.problem_file.building import build_solver
 from nhpocp.solution import Outcome
-from nhpocp.solvers.guesses import Guess, ProblemGuess, make_guess
-from nhpocp.solvers.single_shooting import SingleShooting
-from nhpocp.solvers.transcription import Transcription
+from nhpocp.solvers.nlp.guesses import Guess, ProblemGuess, make_guess
+from nhpocp.solvers.nlp.single_shooting import SingleShooting
+from nhpocp.solvers.nlp.transcription import Transcription
 
 NLP = build_solver("nlp", {"intervals": 6})
 SOLVERS = [NLP, build_solver("jacobian", {"step_rule": "auto"})]

@@ -12,20 +12,12 @@ from nhpocp.flow.end_point_map import DifferentiatedEndPointMap, VariationalEndP
 from nhpocp.flow.integrators import CasadiRungeKutta, RungeKutta4
 from nhpocp.flow.variational import VariationalEquations
 from nhpocp.problem import Via
-from nhpocp.solvers.continuation import Continuation
-from nhpocp.solvers.end_point_error import EndPointError
-from nhpocp.solvers.evaluation import Evaluator
-from nhpocp.solvers.generalized_inverses import (
-    CoefficientMetric,
-    Coordinates,
-    Damped,
-    L2Metric,
-    Lagrangian,
-    MoorePenrose,
-    Transpose,
-    WeightedMetric,
-)
-from nhpocp.solvers.step_rules import Adaptive, Euler
+from nhpocp.solvers.continuation.continuation import Continuation
+from nhpocp.solvers.continuation.end_point_error import EndPointError
+from nhpocp.solvers.continuation.evaluation import Evaluator
+from nhpocp.solvers.continuation.generalized_inverses import Damped, Lagrangian, MoorePenrose, Transpose
+from nhpocp.solvers.continuation.step_rules import Adaptive, Euler
+from nhpocp.solvers.metrics import CoefficientMetric, Coordinates, L2Metric, WeightedMetric
 
 RANDOM = np.random.default_rng(3)
 JACOBIAN, ERROR = RANDOM.normal(size=(6, 15)), RANDOM.normal(size=6)

@@ -11,8 +11,8 @@ from nhpocp.controls.piecewise_constant import PiecewiseConstant
 from nhpocp.controls.projection import project
 from nhpocp.problem import Horizon, PlanningProblem
 from nhpocp.solution import Outcome
-from nhpocp.solvers.continuation import Continuation, Euler
-from nhpocp.solvers.guesses import (
+from nhpocp.solvers.continuation.continuation import Continuation, Euler
+from nhpocp.solvers.nlp.guesses import (
     NoGuessError,
     ProblemGuess,
     SolverGuess,

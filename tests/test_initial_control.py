@@ -22,11 +22,11 @@ from nhpocp.problem import PlanningProblem
 from nhpocp.problem_file import load_problem
 from nhpocp.problem_file.registry import SYSTEMS
 from nhpocp.solution import Outcome
-from nhpocp.solvers.continuation import Continuation
-from nhpocp.solvers.guesses import ProblemGuess
-from nhpocp.solvers.initial_control import RANK, NoStartError, initial_coefficients, seeded_start
-from nhpocp.solvers.multiple_shooting import MultipleShooting
-from nhpocp.solvers.step_rules import Adaptive
+from nhpocp.solvers.continuation.continuation import Continuation
+from nhpocp.solvers.continuation.initial_control import RANK, NoStartError, initial_coefficients, seeded_start
+from nhpocp.solvers.continuation.step_rules import Adaptive
+from nhpocp.solvers.nlp.guesses import ProblemGuess
+from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting
 
 LIBRARY = [load_problem(file) for file in sorted((Path(__file__).parents[1] / "problems").glob("*.yaml"))]
 REGISTERED = {problem.system.model: problem for problem in reversed(LIBRARY)}

@@ -8,9 +8,9 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
+from nhpocp import interruption
 from nhpocp.errors import InvalidProblemError
-from nhpocp.solvers import interruption
-from nhpocp.solvers.interruption import Interruption, while_wanted
+from nhpocp.interruption import Interruption, while_wanted
 
 
 def press(times=1):

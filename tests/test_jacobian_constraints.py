@@ -13,10 +13,10 @@ from nhpocp.controls.piecewise_constant import PiecewiseConstant
 from nhpocp.flow.dynamics import Dynamics
 from nhpocp.flow.integrators import RungeKutta4
 from nhpocp.solution import Outcome
-from nhpocp.solvers.continuation import Continuation
-from nhpocp.solvers.multiple_shooting import MultipleShooting
-from nhpocp.solvers.path_rows import PathRows
-from nhpocp.solvers.step_rules import Adaptive
+from nhpocp.solvers.continuation.continuation import Continuation
+from nhpocp.solvers.continuation.step_rules import Adaptive
+from nhpocp.solvers.least_cost.path_rows import PathRows
+from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting
 from nhpocp.systems.numeric import numeric_system
 from nhpocp.systems.three_upu import ThreeUPU
 from nhpocp.verification.replay import replay, sample

@@ -14,10 +14,10 @@ import pytest
 from conftest import paper_problem
 from test_kernels import end_point, forget, needs_compiler, stored
 
-from nhpocp import machine
+from nhpocp import provenance
 from nhpocp.cli.entry import status
-from nhpocp.flow import kernel_build, kernel_cache
-from nhpocp.flow.kernels import Compiled, CompiledWhenReady
+from nhpocp.flow.compiled import kernel_build, kernel_cache
+from nhpocp.flow.compiled.kernels import Compiled, CompiledWhenReady
 
 PROBLEM = str(Path(__file__).parents[1] / "problems" / "unicycle.yaml")
 SETTINGS = ("--set", "output.pictures=false", "--set", "solvers.compile=always")
@@ -84,7 +84,7 @@ def test_without_a_home_doctor_says_what_is_missing(homeless, capsys):
 @needs_compiler
 def test_a_compiler_of_several_words_is_a_command(cache, tmp_path, monkeypatch):
     """`ccache gcc`, and a path with a blank in it."""
-    real = machine.c_compiler()[0]
+    real = provenance.c_compiler()[0]
     (tmp_path / "my tools").mkdir()
     wrapper = tmp_path / "my tools" / "wrap"
     wrapper.write_text('#!/bin/sh\nexec "$@"\n')
@@ -96,7 +96,7 @@ def test_a_compiler_of_several_words_is_a_command(cache, tmp_path, monkeypatch):
         forget()
         end_point(Compiled())
         assert len(stored(cache)) == number  # the command is a part of what a kernel depends on
-    assert machine.c_compiler() == (str(direct),)
+    assert provenance.c_compiler() == (str(direct),)
 
 
 @pytest.mark.parametrize("named", ["nosuchcache gcc", "gcc 'without an end", "  "])
@@ -203,5 +203,5 @@ def test_one_of_two_builders_gives_way(cache):
     assert kernel_build.busy(place)
     assert kernel_build.claimed(second, "key") is None
     assert list(cache.iterdir()) == [place]
-    assert kernel_build.build(place, "key", machine.c_compiler()) == ""
+    assert kernel_build.build(place, "key", provenance.c_compiler()) == ""
     assert [path.suffix for path in cache.iterdir()] == [".so"]

@@ -11,11 +11,11 @@ from pathlib import Path
 
 import pytest
 
-from nhpocp import machine
-from nhpocp.flow import kernel_build, kernel_cache, kernel_folder
-from nhpocp.flow.kernel_cache import Place
+from nhpocp import provenance
+from nhpocp.flow.compiled import kernel_build, kernel_cache, kernel_folder
+from nhpocp.flow.compiled.kernel_cache import Place
 
-needs_compiler = pytest.mark.skipif(not machine.c_compiler(), reason="no C compiler")
+needs_compiler = pytest.mark.skipif(not provenance.c_compiler(), reason="no C compiler")
 KERNEL = b"what would be run"
 
 

@@ -14,35 +14,35 @@ import numpy as np
 import pytest
 from conftest import Integrators, paper_problem
 
-from nhpocp import machine
+from nhpocp import provenance
 from nhpocp.batch import plan_many
 from nhpocp.constraints import Bound
 from nhpocp.controls.fourier import Fourier
 from nhpocp.controls.piecewise_constant import PiecewiseConstant
 from nhpocp.errors import MissingDependencyError
-from nhpocp.flow import bundle_source, kernel_build, kernel_cache, kernel_source, kernels, shot_source
+from nhpocp.flow.compiled import bundle_source, kernel_build, kernel_cache, kernels, shot_source, sweep_source
+from nhpocp.flow.compiled.kernel_cache import NotCompilableError, agree
+from nhpocp.flow.compiled.kernels import Compiled, CompiledWhenReady, Interpreted
+from nhpocp.flow.compiled.sweep_source import _accessed
 from nhpocp.flow.dynamics import Dynamics, dynamics
 from nhpocp.flow.end_point_map import DifferentiatedEndPointMap
 from nhpocp.flow.integrators import RungeKutta4
-from nhpocp.flow.kernel_cache import NotCompilableError, agree
-from nhpocp.flow.kernel_source import _accessed
-from nhpocp.flow.kernels import Compiled, CompiledWhenReady, Interpreted
 from nhpocp.flow.runge_kutta import Ends, Scheme, scheme
 from nhpocp.problem import Horizon, PlanningProblem
 from nhpocp.problem_file import load_problem, parse_problem
 from nhpocp.problem_file.registry import SYSTEMS
 from nhpocp.problem_file.starters import starter
-from nhpocp.solvers import interval
-from nhpocp.solvers.continuation import Continuation
-from nhpocp.solvers.guesses import ProblemGuess, make_guess
-from nhpocp.solvers.multiple_shooting import MultipleShooting
-from nhpocp.solvers.step_rules import Adaptive
-from nhpocp.solvers.strategies import Auto
-from nhpocp.solvers.transcription import Transcription
+from nhpocp.solvers.continuation.auto import Auto
+from nhpocp.solvers.continuation.continuation import Continuation
+from nhpocp.solvers.continuation.step_rules import Adaptive
+from nhpocp.solvers.nlp import interval
+from nhpocp.solvers.nlp.guesses import ProblemGuess, make_guess
+from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting
+from nhpocp.solvers.nlp.transcription import Transcription
 from nhpocp.systems.numeric import NumericSystem
 from nhpocp.systems.three_upu import ThreeUPU
 
-needs_compiler = pytest.mark.skipif(not machine.c_compiler(), reason="no C compiler")
+needs_compiler = pytest.mark.skipif(not provenance.c_compiler(), reason="no C compiler")
 QUICKLY = (  # to compile; what matters here is what is done with the result, which shall round otherwise than CasADi
     ("-O0", "-mfpmath=387", "-fPIC", "-shared"),
     ("-O0", "-fPIC", "-shared"),
@@ -55,7 +55,7 @@ cache = os.environ["NHPOCP_CACHE"]
 sys.path.insert(0, sys.argv[1])
 import test_kernels
 os.environ["NHPOCP_CACHE"] = cache
-from nhpocp.flow.kernels import Compiled
+from nhpocp.flow.compiled.kernels import Compiled
 print(repr(getattr(test_kernels, sys.argv[2])(Compiled()).sum()))
 """
 
@@ -236,7 +236,7 @@ WRONG_LANES = (
 @pytest.mark.parametrize(
     ("numbers", "module", "right", "wrong"),
     [
-        (sweep, kernel_source, "now = before", "now = before, *now += 1e-3"),
+        (sweep, sweep_source, "now = before", "now = before, *now += 1e-3"),
         (ends, bundle_source, "at[j] += g[i * M * L + j]", "at[j] += 1.001 * g[i * M * L + j]"),
         (ends, bundle_source, "(i + 1) / 2", "i / 2"),
         (ends, bundle_source, RIGHT_LANES, WRONG_LANES),

@@ -5,12 +5,12 @@ import numpy as np
 import pytest
 from goals import paper_task
 
+from nhpocp.flow.compiled.kernels import Compiled, Interpreted
 from nhpocp.flow.dynamics import dynamics
 from nhpocp.flow.integrators import RungeKutta4
-from nhpocp.flow.kernels import Compiled, Interpreted
 from nhpocp.solution import Outcome
-from nhpocp.solvers.continuation import Continuation
-from nhpocp.solvers.step_rules import Euler
+from nhpocp.solvers.continuation.continuation import Continuation
+from nhpocp.solvers.continuation.step_rules import Euler
 
 
 @pytest.fixture(scope="module")

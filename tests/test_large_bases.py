@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from conftest import paper_problem
 
-from nhpocp import machine, planning
+from nhpocp import planning, provenance
 from nhpocp.controls.bspline import BSpline
 from nhpocp.controls.control import Control
 from nhpocp.controls.fourier import Fourier
@@ -16,12 +16,12 @@ from nhpocp.controls.legendre import Legendre
 from nhpocp.controls.piecewise_constant import PiecewiseConstant
 from nhpocp.controls.projection import project
 from nhpocp.flow.integrators import RungeKutta4, enough_steps
-from nhpocp.machine import reset_peak_memory
+from nhpocp.provenance import reset_peak_memory
 from nhpocp.solution import Outcome
-from nhpocp.solvers.continuation import Continuation
-from nhpocp.solvers.generalized_inverses import Coordinates, L2Metric
-from nhpocp.solvers.multiple_shooting import MultipleShooting
-from nhpocp.solvers.step_rules import Adaptive
+from nhpocp.solvers.continuation.continuation import Continuation
+from nhpocp.solvers.continuation.step_rules import Adaptive
+from nhpocp.solvers.metrics import Coordinates, L2Metric
+from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting
 
 LARGE = [Fourier(1000), Legendre(1000), BSpline(3, 1000), PiecewiseConstant(6000)]
 each_large_basis = pytest.mark.parametrize("basis", LARGE, ids=lambda basis: f"{basis.kind}-{basis.size}")
@@ -38,9 +38,9 @@ def peak(work):
     """Megabytes that work takes at most, where the operating system counts them."""
     if not reset_peak_memory():
         return 0.0
-    before = machine.peak_memory() or 0.0
+    before = provenance.peak_memory() or 0.0
     work()
-    return (machine.peak_memory() or 0.0) - before
+    return (provenance.peak_memory() or 0.0) - before
 
 
 @each_large_basis
@@ -92,7 +92,7 @@ def test_an_nlp_that_does_not_fit_is_refused_in_words(basis):
 
 
 def test_a_search_that_does_not_fit_is_refused_in_words(monkeypatch):
-    monkeypatch.setattr(machine, "free_memory", lambda: 1e6)
+    monkeypatch.setattr(provenance, "free_memory", lambda: 1e6)
     solver = Continuation(step_rule=Adaptive(), objective="effort")
     found = solver.find(over(PiecewiseConstant(100)))
     assert found.outcome is Outcome.SOLVER_ERROR
@@ -103,7 +103,7 @@ def test_no_memory_is_an_ending_and_no_traceback(monkeypatch):
     def exhausted(self, coefficients):
         raise MemoryError("Unable to allocate 75 GiB")
 
-    monkeypatch.setattr("nhpocp.solvers.evaluation.Evaluator.__call__", exhausted)
+    monkeypatch.setattr("nhpocp.solvers.continuation.evaluation.Evaluator.__call__", exhausted)
     found = Continuation().find(paper_problem())
     assert found.outcome is Outcome.SOLVER_ERROR
     assert "75 GiB" in found.message

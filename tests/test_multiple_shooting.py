@@ -16,11 +16,11 @@ from nhpocp.controls.projection import project
 from nhpocp.errors import InvalidProblemError
 from nhpocp.problem import Horizon, PlanningProblem
 from nhpocp.solution import Outcome
-from nhpocp.solvers.continuation import Continuation, Euler
-from nhpocp.solvers.guesses import ProblemGuess, SolverGuess, StraightGuess
-from nhpocp.solvers.multiple_shooting import MultipleShooting, mesh_check
-from nhpocp.solvers.optimizers import Fatrop, Ipopt, failed
-from nhpocp.solvers.single_shooting import SingleShooting
+from nhpocp.solvers.continuation.continuation import Continuation, Euler
+from nhpocp.solvers.nlp.guesses import ProblemGuess, SolverGuess, StraightGuess
+from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting, mesh_check
+from nhpocp.solvers.nlp.optimizers import Fatrop, Ipopt, failed
+from nhpocp.solvers.nlp.single_shooting import SingleShooting
 from nhpocp.systems.rolling_sphere import RollingSphere
 from nhpocp.systems.three_upu import ThreeUPU
 

@@ -8,14 +8,14 @@ from conftest import paper_problem, yaw
 
 from nhpocp import planning
 from nhpocp.constraints import Bound
-from nhpocp.flow.kernels import Interpreted
+from nhpocp.flow.compiled.kernels import Interpreted
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Outcome
-from nhpocp.solvers.continuation import Continuation
-from nhpocp.solvers.guesses import SolverGuess
-from nhpocp.solvers.multiple_shooting import MultipleShooting
-from nhpocp.solvers.optimizers import ENDINGS, Ipopt, failed
-from nhpocp.solvers.step_rules import Adaptive
+from nhpocp.solvers.continuation.continuation import Continuation
+from nhpocp.solvers.continuation.step_rules import Adaptive
+from nhpocp.solvers.nlp.guesses import SolverGuess
+from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting
+from nhpocp.solvers.nlp.optimizers import ENDINGS, Ipopt, failed
 from nhpocp.systems.heisenberg import Heisenberg
 
 FAR = {"position": [0, 0, 27], "orientation": yaw(np.radians(190))}

@@ -6,9 +6,9 @@ from conftest import PAPER_START, yaw
 
 from nhpocp import planning
 from nhpocp.constraints import Bound
-from nhpocp.flow.kernels import Interpreted
+from nhpocp.flow.compiled.kernels import Interpreted
 from nhpocp.problem import Horizon, PlanningProblem
-from nhpocp.solvers.multiple_shooting import MultipleShooting
+from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting
 from nhpocp.systems.three_upu import ThreeUPU
 
 UNITS = [(1e-3, 1e3), (1e3, 1e-3)]  # of length and time

@@ -10,11 +10,11 @@ from nhpocp.controls.fourier import Fourier
 from nhpocp.flow.cost_map import cost_map
 from nhpocp.flow.integrators import RungeKutta4
 from nhpocp.solution import Outcome
-from nhpocp.solvers.continuation import Continuation
-from nhpocp.solvers.multiple_shooting import MultipleShooting
-from nhpocp.solvers.multipliers import rounds
-from nhpocp.solvers.null_space import NoSurfaceError, Penalty, minimise
-from nhpocp.solvers.step_rules import Adaptive
+from nhpocp.solvers.continuation.continuation import Continuation
+from nhpocp.solvers.continuation.step_rules import Adaptive
+from nhpocp.solvers.least_cost.augmented_lagrangian import rounds
+from nhpocp.solvers.least_cost.null_space import NoSurfaceError, Penalty, minimise
+from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting
 
 
 def effort(y):

@@ -12,17 +12,17 @@ from ferry import Ferry
 
 import nhpocp
 from nhpocp.constraints import Bound
+from nhpocp.flow.compiled.kernels import Interpreted
 from nhpocp.flow.cost_map import cost_map
 from nhpocp.flow.integrators import RungeKutta4
-from nhpocp.flow.kernels import Interpreted
 from nhpocp.objectives import path_length, softened_path_length
 from nhpocp.problem import Horizon, PlanningProblem
 from nhpocp.problem_file.building import build_solver
 from nhpocp.problem_file.registry import SYSTEMS, system_class
 from nhpocp.solution import Outcome
-from nhpocp.solvers.guesses import ProblemGuess, make_guess
-from nhpocp.solvers.multiple_shooting import MultipleShooting
-from nhpocp.solvers.transcription import Transcription
+from nhpocp.solvers.nlp.guesses import ProblemGuess, make_guess
+from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting
+from nhpocp.solvers.nlp.transcription import Transcription
 from nhpocp.systems.three_upu import ThreeUPU
 
 SOLVERS = {

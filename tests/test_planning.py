@@ -12,10 +12,10 @@ from nhpocp.constraints import Bound
 from nhpocp.flow.dynamics import Dynamics
 from nhpocp.flow.integrators import RungeKutta4
 from nhpocp.solution import Outcome
-from nhpocp.solvers.continuation import Continuation
-from nhpocp.solvers.multiple_shooting import MultipleShooting
-from nhpocp.solvers.step_rules import Euler
-from nhpocp.solvers.strategies import Auto
+from nhpocp.solvers.continuation.auto import Auto
+from nhpocp.solvers.continuation.continuation import Continuation
+from nhpocp.solvers.continuation.step_rules import Euler
+from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting
 from nhpocp.systems.numeric import numeric_system
 
 SOLVERS = [Continuation(step_rule=Euler(1.0)), MultipleShooting()]

@@ -37,8 +37,8 @@ from nhpocp.problem_file import (
 )
 from nhpocp.problem_file.document import parse
 from nhpocp.problem_file.numbers import parse_number
-from nhpocp.solvers.continuation import Continuation
-from nhpocp.solvers.step_rules import Euler
+from nhpocp.solvers.continuation.continuation import Continuation
+from nhpocp.solvers.continuation.step_rules import Euler
 from nhpocp.systems.three_upu import ThreeUPU
 
 ROOT = Path(__file__).parent.parent

@@ -7,14 +7,14 @@ from conftest import paper_problem
 from nhpocp.constraints import Bound
 from nhpocp.controls.fourier import Fourier
 from nhpocp.errors import InvalidProblemError
-from nhpocp.flow.kernels import Interpreted
+from nhpocp.flow.compiled.kernels import Interpreted
 from nhpocp.problem import Horizon
 from nhpocp.solution import Outcome
-from nhpocp.solvers.guesses import ProblemGuess, make_guess
-from nhpocp.solvers.multiple_shooting import MultipleShooting
-from nhpocp.solvers.optimizers import Fatrop
-from nhpocp.solvers.single_shooting import EXACT_HESSIAN_UP_TO, SingleShooting
-from nhpocp.solvers.transcription import Transcription
+from nhpocp.solvers.nlp.guesses import ProblemGuess, make_guess
+from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting
+from nhpocp.solvers.nlp.optimizers import Fatrop
+from nhpocp.solvers.nlp.single_shooting import EXACT_HESSIAN_UP_TO, SingleShooting
+from nhpocp.solvers.nlp.transcription import Transcription
 
 
 def both(problem, **settings):

@@ -20,8 +20,8 @@ from conftest import PAPER_START, paper_problem
 from nhpocp import planning
 from nhpocp.constraints import Bound
 from nhpocp.errors import InvalidProblemError, UnreadableSolutionError
-from nhpocp.machine import environment
 from nhpocp.problem_file import load_problem
+from nhpocp.provenance import environment
 from nhpocp.solution import Outcome
 from nhpocp.solution_folder import (
     check_target,
@@ -34,9 +34,9 @@ from nhpocp.solution_folder import (
 )
 from nhpocp.solution_folder.reading import LARGEST_FILE, read_arrays
 from nhpocp.solution_folder.target import DATA, PICTURES
-from nhpocp.solvers.continuation import Continuation
-from nhpocp.solvers.multiple_shooting import MultipleShooting
-from nhpocp.solvers.step_rules import Euler
+from nhpocp.solvers.continuation.continuation import Continuation
+from nhpocp.solvers.continuation.step_rules import Euler
+from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting
 from nhpocp.verification import verify
 from nhpocp.views.figures import FIGURES
 

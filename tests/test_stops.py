@@ -21,13 +21,14 @@ import stopping
 from conftest import Integrators, paper_problem
 
 import nhpocp
+from nhpocp import interruption
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Outcome
-from nhpocp.solvers import interruption, workers
-from nhpocp.solvers.continuation import Continuation
-from nhpocp.solvers.evaluation import Evaluator
-from nhpocp.solvers.multi_start import MultiStart, processes
-from nhpocp.solvers.step_rules import Adaptive, Euler
+from nhpocp.solvers import workers
+from nhpocp.solvers.continuation.continuation import Continuation
+from nhpocp.solvers.continuation.evaluation import Evaluator
+from nhpocp.solvers.continuation.multi_start import MultiStart, processes
+from nhpocp.solvers.continuation.step_rules import Adaptive, Euler
 
 needs_proc = pytest.mark.skipif(not Path("/proc/self/environ").exists(), reason="reads processes there")
 

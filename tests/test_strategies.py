@@ -20,11 +20,11 @@ from nhpocp.flow.dynamics import Dynamics
 from nhpocp.flow.integrators import RungeKutta4
 from nhpocp.solution import Outcome
 from nhpocp.solution_folder import load_solution, save_solution
-from nhpocp.solvers import claims, strategies
-from nhpocp.solvers.claims import confirmed, missed
-from nhpocp.solvers.continuation import Continuation
-from nhpocp.solvers.step_rules import Adaptive, Euler
-from nhpocp.solvers.strategies import Auto
+from nhpocp.solvers.continuation import auto, confirmation
+from nhpocp.solvers.continuation.auto import Auto
+from nhpocp.solvers.continuation.confirmation import confirmed, missed
+from nhpocp.solvers.continuation.continuation import Continuation
+from nhpocp.solvers.continuation.step_rules import Adaptive, Euler
 from nhpocp.systems.numeric import numeric_system
 
 
@@ -126,8 +126,8 @@ def test_the_last_word_on_a_claim_is_that_of_the_confirmation(basis, steps, monk
         said.append((control, missed(problem, control, integrator)))
         return said[-1][1]
 
-    monkeypatch.setattr(claims, "CORRECTIONS", 1)
-    monkeypatch.setattr(claims, "missed", noted)
+    monkeypatch.setattr(confirmation, "CORRECTIONS", 1)
+    monkeypatch.setattr(confirmation, "missed", noted)
     found = confirmed(Continuation(step_rule=Adaptive(), integrator=RungeKutta4(steps)), problem)
     held = any(control is found.control and error <= 1e-3 for control, error in said)
     refuted = any(control is found.control and error > 1e-3 for control, error in said)
@@ -136,7 +136,7 @@ def test_the_last_word_on_a_claim_is_that_of_the_confirmation(basis, steps, monk
 
 
 def test_a_claim_that_is_refuted_to_the_last_says_by_how_much(problem, monkeypatch):
-    monkeypatch.setattr(claims, "CORRECTIONS", 0)
+    monkeypatch.setattr(confirmation, "CORRECTIONS", 0)
     coarse = Continuation(step_rule=Adaptive(), integrator=RungeKutta4(10), tolerance=1e-6)
     found = confirmed(coarse, problem)
     assert found.outcome is Outcome.NOT_VERIFIED
@@ -146,7 +146,7 @@ def test_a_claim_that_is_refuted_to_the_last_says_by_how_much(problem, monkeypat
 def test_what_is_not_reached_is_said_with_everything_tried(monkeypatch):
     """Two steps of γ = 0.001 reach nothing; no try may claim it."""
     for name, value in {"SEEDS": 2, "HALVINGS": 2}.items():
-        monkeypatch.setattr(strategies, name, value)
+        monkeypatch.setattr(auto, name, value)
     lame = Auto(Continuation(step_rule=Euler(1e-3), max_iterations=2), restarts=1)
     solution = planning.solve(paper_problem(), lame)
     assert solution.outcome is Outcome.NOT_REACHED
@@ -161,7 +161,7 @@ def test_what_is_not_reached_is_said_with_everything_tried(monkeypatch):
 
 
 def test_no_new_try_begins_when_the_budget_is_spent(monkeypatch):
-    monkeypatch.setattr(strategies, "BUDGET", 10)
+    monkeypatch.setattr(auto, "BUDGET", 10)
     goal = {"position": [0, 0, 500], "orientation": yaw(-np.pi / 2)}
     solution = planning.solve(goals.paper_task("default", goal=goal), Auto())
     assert solution.outcome is Outcome.NOT_REACHED

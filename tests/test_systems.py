@@ -17,18 +17,18 @@ from conftest import Turntable
 from ferry import Ferry
 from scipy.integrate import solve_ivp
 
-from nhpocp import machine
+from nhpocp import provenance
 from nhpocp.controls.control import Control
 from nhpocp.controls.fourier import Fourier
 from nhpocp.errors import InvalidProblemError
+from nhpocp.flow.compiled.kernels import Compiled, Interpreted
 from nhpocp.flow.dynamics import Dynamics
 from nhpocp.flow.end_point_map import DifferentiatedEndPointMap, VariationalEndPointMap
 from nhpocp.flow.integrators import CasadiRungeKutta, Cvodes, RungeKutta4
-from nhpocp.flow.kernels import Compiled, Interpreted
 from nhpocp.problem import PlanningProblem
 from nhpocp.problem_file import load_problem, parse_problem, starter
 from nhpocp.problem_file.registry import SYSTEMS, system_class
-from nhpocp.solvers.initial_control import drawn
+from nhpocp.solvers.continuation.initial_control import drawn
 from nhpocp.systems.numeric import _least_along, numeric_system
 from nhpocp.systems.parallel_robot import ParallelRobot
 from nhpocp.verification import geometry
@@ -339,7 +339,7 @@ def test_runge_kutta_has_order_four(problem):
     np.testing.assert_allclose(orders, 4.0, atol=0.35)
 
 
-@pytest.mark.skipif(not machine.c_compiler(), reason="no C compiler")
+@pytest.mark.skipif(not provenance.c_compiler(), reason="no C compiler")
 def test_a_compiled_kernel_gives_the_same_numbers(problem):
     coefficients = 0.3 * random_control(problem, 9).coefficients  # singularities would magnify rounding
     ends = [

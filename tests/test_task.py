@@ -13,11 +13,11 @@ from nhpocp.errors import InvalidProblemError, OrientationAtPiError
 from nhpocp.problem import Via
 from nhpocp.problem_file import dump_problem, parse_problem, read_text, systems
 from nhpocp.solution import Outcome
-from nhpocp.solvers.continuation import Continuation
-from nhpocp.solvers.guesses import StraightGuess
-from nhpocp.solvers.multiple_shooting import MultipleShooting
-from nhpocp.solvers.optimizers import Fatrop
-from nhpocp.solvers.step_rules import Adaptive, Euler
+from nhpocp.solvers.continuation.continuation import Continuation
+from nhpocp.solvers.continuation.step_rules import Adaptive, Euler
+from nhpocp.solvers.nlp.guesses import StraightGuess
+from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting
+from nhpocp.solvers.nlp.optimizers import Fatrop
 from nhpocp.task import Task
 from nhpocp.views.figures import relative_pose
 

@@ -11,11 +11,11 @@ from nhpocp.constraints import Bound, bound_rows
 from nhpocp.controls.control import Control
 from nhpocp.controls.fourier import Fourier
 from nhpocp.controls.piecewise_constant import PiecewiseConstant
-from nhpocp.flow.kernels import Interpreted
+from nhpocp.flow.compiled.kernels import Interpreted
 from nhpocp.problem import Horizon, Via
-from nhpocp.solvers.guesses import ProblemGuess, follow, make_guess
-from nhpocp.solvers.single_shooting import SingleShooting
-from nhpocp.solvers.transcription import Guess, Transcription
+from nhpocp.solvers.nlp.guesses import ProblemGuess, follow, make_guess
+from nhpocp.solvers.nlp.single_shooting import SingleShooting
+from nhpocp.solvers.nlp.transcription import Guess, Transcription
 from nhpocp.systems.numeric import NumericSystem
 
 INTERVALS = 3

@@ -13,10 +13,11 @@ from nhpocp.constraints import Bound
 from nhpocp.controls.fourier import Fourier
 from nhpocp.problem import Horizon, PlanningProblem, Via
 from nhpocp.solution import Outcome
-from nhpocp.solvers.continuation import Continuation
-from nhpocp.solvers.generalized_inverses import L2Metric, Lagrangian
-from nhpocp.solvers.step_rules import Adaptive, Euler, Ode
-from nhpocp.solvers.strategies import Auto
+from nhpocp.solvers.continuation.auto import Auto
+from nhpocp.solvers.continuation.continuation import Continuation
+from nhpocp.solvers.continuation.generalized_inverses import Lagrangian
+from nhpocp.solvers.continuation.step_rules import Adaptive, Euler, Ode
+from nhpocp.solvers.metrics import L2Metric
 from nhpocp.systems.heisenberg import Heisenberg
 from nhpocp.systems.orienting_platform import OrientingPlatform
 from nhpocp.systems.parallel_robot import ParallelRobot

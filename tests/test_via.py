@@ -10,14 +10,15 @@ from conftest import paper_problem, yaw
 from nhpocp.controls.fourier import Fourier
 from nhpocp.controls.piecewise_constant import PiecewiseConstant
 from nhpocp.errors import InvalidProblemError
+from nhpocp.flow.compiled.kernels import Interpreted
 from nhpocp.flow.end_point_map import VariationalEndPointMap
 from nhpocp.flow.integrators import CasadiRungeKutta, Cvodes, RungeKutta4
-from nhpocp.flow.kernels import Interpreted
 from nhpocp.planning import solve
 from nhpocp.problem import Horizon, Via
 from nhpocp.problem_file import dump_problem, parse_problem, read_text
-from nhpocp.solvers.continuation import Continuation
-from nhpocp.solvers.guesses import (
+from nhpocp.solvers.continuation.continuation import Continuation
+from nhpocp.solvers.continuation.step_rules import Adaptive, Euler, Ode
+from nhpocp.solvers.nlp.guesses import (
     NoGuessError,
     ProblemGuess,
     SolverGuess,
@@ -26,11 +27,10 @@ from nhpocp.solvers.guesses import (
     meets,
     waypoints,
 )
-from nhpocp.solvers.meeting import place, stage_times
-from nhpocp.solvers.multiple_shooting import MultipleShooting
-from nhpocp.solvers.optimizers import Fatrop, Ipopt
-from nhpocp.solvers.single_shooting import SingleShooting
-from nhpocp.solvers.step_rules import Adaptive, Euler, Ode
+from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting
+from nhpocp.solvers.nlp.optimizers import Fatrop, Ipopt
+from nhpocp.solvers.nlp.single_shooting import SingleShooting
+from nhpocp.solvers.nlp.task_rows import place, stage_times
 from nhpocp.systems.numeric import numeric_system
 from nhpocp.verification.replay import replay
 

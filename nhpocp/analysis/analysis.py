@@ -17,7 +17,7 @@ from nhpocp.controls.control import Control
 from nhpocp.errors import InvalidProblemError
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Crossing
-from nhpocp.solvers.guesses import NoGuessError, ProblemGuess, starting_horizon
+from nhpocp.solvers.nlp.guesses import NoGuessError, ProblemGuess, starting_horizon
 from nhpocp.systems.mobility import Mobility, mobility
 from nhpocp.systems.numeric import numeric_system
 from nhpocp.systems.parallel_robot import ParallelRobot

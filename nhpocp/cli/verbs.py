@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,8 +17,8 @@ from nhpocp.errors import InvalidProblemError
 
 if TYPE_CHECKING:
     from nhpocp.comparison import Comparison, Entry
+    from nhpocp.interruption import Interruption
     from nhpocp.solution import Solution
-    from nhpocp.solvers.interruption import Interruption
 
 DRAWING = {"k": None, "error": None, "stage": "drawing"}
 SOLVED, NOT_SOLVED, BAD_INPUT, MISSING_PART = 0, 1, 2, 3
@@ -73,7 +72,7 @@ def solve(
 @contextmanager
 def _keeping() -> Iterator[Interruption]:
     """Ctrl-C is noted and kept for the solver, whatever is running."""
-    from nhpocp.solvers.interruption import Interruption
+    from nhpocp.interruption import Interruption
 
     with Interruption() as interruption:
         yield interruption
@@ -138,7 +137,6 @@ def verify(folder: Path, as_json: bool) -> int:
 @json_option
 def check(files: tuple[Path, ...], overrides: tuple[str, ...], as_json: bool) -> int:
     """Validate problem files; solve nothing."""
-    gc.disable()  # a short life: collecting garbage would take a tenth of it
     from nhpocp.problem_file import read
 
     found, failures = [], []
@@ -163,7 +161,6 @@ def check(files: tuple[Path, ...], overrides: tuple[str, ...], as_json: bool) ->
             put({**error_data(failures[0]), "files": found})
         else:
             put(found[0] if len(found) == 1 else {"files": found})
-    gc.freeze()  # nor is it worth collecting at the end: a quarter of the time of `check`
     return BAD_INPUT if failures else SOLVED
 
 
@@ -229,7 +226,7 @@ def _block(block: Mapping[str, Any]) -> str:
 def doctor(clear_cache: bool, as_json: bool) -> int:
     """Say which versions, plugins, compiler and compiled kernels are at hand."""
     if clear_cache:
-        from nhpocp.flow.kernel_folder import clear_cache as clear
+        from nhpocp.flow.compiled.kernel_folder import clear_cache as clear
 
         say(f"{clear()} kernels removed from the cache")
     from nhpocp.diagnosis import diagnose

@@ -19,10 +19,10 @@ from nhpocp.calls import call, mapped
 from nhpocp.controls.basis import ControlBasis
 from nhpocp.controls.samples import Samples
 from nhpocp.errors import InvalidProblemError
+from nhpocp.flow.compiled.kernels import CompiledWhenReady, Kernels
 from nhpocp.flow.dynamics import Dynamics
-from nhpocp.flow.kernels import CompiledWhenReady, Kernels
 from nhpocp.flow.runge_kutta import Bundle, Ends, Grid, Scheme, Sweep, Swept, ends_of, scheme, walked
-from nhpocp.machine import afford
+from nhpocp.provenance import afford
 
 WORTH_ASKING = 1e8  # bytes: asking the system for its free memory takes as long as a small sweep
 FEWEST, ENOUGH = 5.0, 10.0  # steps for each period of the fastest function of a basis

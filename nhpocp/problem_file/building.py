@@ -13,7 +13,6 @@ from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Any
 
 from nhpocp.errors import InvalidProblemError, MissingDependencyError
-from nhpocp.machine import c_compiler, without_compiler
 from nhpocp.problem_file.control import ControlBlock
 from nhpocp.problem_file.plugins import words
 from nhpocp.problem_file.reading import ProblemFile, read, read_text
@@ -21,6 +20,7 @@ from nhpocp.problem_file.registry import SYSTEMS
 from nhpocp.problem_file.schema import FreeHorizon, ProblemData
 from nhpocp.problem_file.settings import JacobianSettings, NlpSettings
 from nhpocp.problem_file.states import plain_state
+from nhpocp.provenance import c_compiler, without_compiler
 
 if TYPE_CHECKING:
     from nhpocp.constraints import Bound
@@ -39,20 +39,20 @@ AVAILABLE: dict[str, dict[str, str]] = {
         "sequence": "nhpocp.controls.sequence:SequenceBasis",
     },
     "solvers.jacobian.step_rule": {
-        "euler": "nhpocp.solvers.step_rules:Euler",
-        "adaptive": "nhpocp.solvers.step_rules:Adaptive",
-        "ode": "nhpocp.solvers.step_rules:Ode",
-        "auto": "nhpocp.solvers.step_rules:Adaptive",
+        "euler": "nhpocp.solvers.continuation.step_rules:Euler",
+        "adaptive": "nhpocp.solvers.continuation.step_rules:Adaptive",
+        "ode": "nhpocp.solvers.continuation.step_rules:Ode",
+        "auto": "nhpocp.solvers.continuation.step_rules:Adaptive",
     },
     "solvers.jacobian.inverse": {
-        "moore_penrose": "nhpocp.solvers.generalized_inverses:MoorePenrose",
-        "damped": "nhpocp.solvers.generalized_inverses:Damped",
-        "transpose": "nhpocp.solvers.generalized_inverses:Transpose",
-        "lagrangian": "nhpocp.solvers.generalized_inverses:Lagrangian",
+        "moore_penrose": "nhpocp.solvers.continuation.generalized_inverses:MoorePenrose",
+        "damped": "nhpocp.solvers.continuation.generalized_inverses:Damped",
+        "transpose": "nhpocp.solvers.continuation.generalized_inverses:Transpose",
+        "lagrangian": "nhpocp.solvers.continuation.generalized_inverses:Lagrangian",
     },
     "solvers.jacobian.metric": {
-        "coefficients": "nhpocp.solvers.generalized_inverses:CoefficientMetric",
-        "l2": "nhpocp.solvers.generalized_inverses:L2Metric",
+        "coefficients": "nhpocp.solvers.metrics:CoefficientMetric",
+        "l2": "nhpocp.solvers.metrics:L2Metric",
     },
     "solvers.jacobian.integrator": {
         "rk4": "nhpocp.flow.integrators:RungeKutta4",
@@ -64,22 +64,22 @@ AVAILABLE: dict[str, dict[str, str]] = {
         "variational": "nhpocp.flow.end_point_map:VariationalEndPointMap",
     },
     "solvers.compile": {
-        "auto": "nhpocp.flow.kernels:CompiledWhenReady",
-        "always": "nhpocp.flow.kernels:Compiled",
-        "never": "nhpocp.flow.kernels:Interpreted",
+        "auto": "nhpocp.flow.compiled.kernels:CompiledWhenReady",
+        "always": "nhpocp.flow.compiled.kernels:Compiled",
+        "never": "nhpocp.flow.compiled.kernels:Interpreted",
     },
     "solvers.nlp.shooting": {
-        "multiple": "nhpocp.solvers.transcription:Transcription",
-        "single": "nhpocp.solvers.single_shooting:SingleShooting",
+        "multiple": "nhpocp.solvers.nlp.transcription:Transcription",
+        "single": "nhpocp.solvers.nlp.single_shooting:SingleShooting",
     },
     "solvers.nlp.plugin": {
-        "ipopt": "nhpocp.solvers.optimizers:Ipopt",
-        "fatrop": "nhpocp.solvers.optimizers:Fatrop",
+        "ipopt": "nhpocp.solvers.nlp.optimizers:Ipopt",
+        "fatrop": "nhpocp.solvers.nlp.optimizers:Fatrop",
     },
     "solvers.nlp.initial": {
-        "problem": "nhpocp.solvers.guesses:ProblemGuess",
-        "jacobian": "nhpocp.solvers.guesses:SolverGuess",
-        "straight": "nhpocp.solvers.guesses:StraightGuess",
+        "problem": "nhpocp.solvers.nlp.guesses:ProblemGuess",
+        "jacobian": "nhpocp.solvers.nlp.guesses:SolverGuess",
+        "straight": "nhpocp.solvers.nlp.guesses:StraightGuess",
     },
 }
 
@@ -237,7 +237,7 @@ def _validated(name: str, model: type[Any], data: Any) -> Any:
 
 
 def _build_jacobian(data: JacobianSettings, _: Any, kernels: Any) -> Any:
-    from nhpocp.solvers.continuation import Continuation
+    from nhpocp.solvers.continuation.continuation import Continuation
 
     integrator = _available("solvers.jacobian.integrator", data.integrator)
     chosen = {"kernels": kernels} if kernels is not None and data.integrator == "rk4" else {}
@@ -254,19 +254,19 @@ def _build_jacobian(data: JacobianSettings, _: Any, kernels: Any) -> Any:
         seed=data.seed,
     )
     if data.step_rule == "auto":
-        from nhpocp.solvers.strategies import Auto
+        from nhpocp.solvers.continuation.auto import Auto
 
         return Auto(solver, restarts=max(Auto.restarts, data.starts - 1))
     if data.starts > 1:
-        from nhpocp.solvers.multi_start import MultiStart
+        from nhpocp.solvers.continuation.multi_start import MultiStart
 
         return MultiStart(solver, data.starts)
     return solver
 
 
 def _build_nlp(data: NlpSettings, jacobian: Any, kernels: Any) -> Any:
-    from nhpocp.solvers.guesses import SolverGuess
-    from nhpocp.solvers.multiple_shooting import MultipleShooting
+    from nhpocp.solvers.nlp.guesses import SolverGuess
+    from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting
 
     if data.plugin == "fatrop" and data.shooting == "single":
         raise InvalidProblemError("fatrop needs the stages of multiple shooting", path="solvers.nlp.plugin")

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from nhpocp.solvers.interruption import Interruption
+from nhpocp.interruption import Interruption
 from nhpocp.whole import write_files
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from nhpocp.machine import environment
+from nhpocp.provenance import environment
 from nhpocp.solution import Solution
 
 SCHEMA_VERSION = 1

@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 
+from nhpocp.interruption import Interruption
 from nhpocp.problem_file import dump_problem
 from nhpocp.solution import Solution
 from nhpocp.solution_folder.pictures import drawn
 from nhpocp.solution_folder.plain_data import as_text, to_json
 from nhpocp.solution_folder.tables import write_iterations, write_trajectory
 from nhpocp.solution_folder.target import check_target, unwritable, write_whole
-from nhpocp.solvers.interruption import Interruption
 from nhpocp.whole import write_text
 
 Pictures = Callable[[Solution, Path], Any]

@@ -24,7 +24,7 @@ from functools import cache, lru_cache
 from typing import Any, TypeVar
 
 from nhpocp.errors import InvalidProblemError
-from nhpocp.solvers.interruption import Interruption, while_wanted
+from nhpocp.interruption import Interruption, while_wanted
 
 OFTEN = 0.05  # seconds between two looks at whether to stop
 GRACE = 0.3  # seconds in which workers may end by themselves

@@ -1,0 +1,234 @@
+"""Where compiled kernels are kept, and what is done when one is odd: one policy for every kind of kernel.
+
+A kernel is C code built by the system's compiler and kept in the user's cache folder, under a name that is a hash of
+all it depends on. Whatever goes wrong with it costs one line on standard error; the answers stay the same.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import hashlib
+import logging
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
+from pathlib import Path
+from types import ModuleType
+from typing import Generic, TypeVar
+
+import casadi as ca
+import numpy as np
+
+from nhpocp.arrays import Array
+from nhpocp.flow.compiled import kernel_build, kernel_folder
+from nhpocp.provenance import c_compiler, compiler, processor, without_compiler
+
+CLOSE = 1e-9  # a share of the largest number, or of what a function is given: far above rounding, far below a mistake
+
+_log = logging.getLogger("nhpocp")
+_said: set[str] = set()
+
+K = TypeVar("K")
+
+
+class NotCompilableError(Exception):
+    """There can be no kernel of some functions; says why."""
+
+
+class Place(Generic[K]):
+    """What a process knows of one kernel."""
+
+    def __init__(
+        self, identity: Callable[[], str], source: Callable[[], str], loaded: Callable[[Path], K]
+    ) -> None:
+        """``identity``: all that the C text depends on, cheap to say. ``source``: that text, or `NotCompilableError`.
+
+        ``loaded``: the kernel of a file, `OSError` or `AttributeError` where it is none.
+        """
+        self._identity, self._source, self._loaded = identity, source, loaded
+        self.kernel: K | None = None
+        self.seconds = 0.0  # that CasADi's evaluation has cost so far
+        self.untried = True
+        self._key, self._building = "", False
+
+    def get(self, agrees: Callable[[K], bool]) -> None:
+        """Takes the kernel, which is built if there is none yet."""
+        if self.untried:
+            self._take(agrees, self._stored())
+        if self.untried:
+            self._take(agrees, self._built())
+
+    def look(self, agrees: Callable[[K], bool], patience: float) -> None:
+        """Takes the stored kernel; where there is none, has it built and looks again after the same time.
+
+        What has cost nothing yet may never be asked for again, and is not built.
+        """
+        stored = self._stored()
+        if stored:
+            self._take(agrees, stored)
+        elif self.untried and not self._building and self.seconds > 0:
+            self._building = True
+            self._begin()
+        self.seconds -= patience
+
+    def note(self, seconds: float) -> None:
+        """Takes down what CasADi's evaluation has cost."""
+        self.seconds += seconds
+
+    def _named(self) -> bool:
+        """Whether there is a name; it is made once."""
+        if not self._key and self.untried:
+            if not c_compiler():
+                self._give_up(without_compiler())
+                return False
+            try:
+                kernel_folder.our_folder()
+            except OSError as error:
+                self._give_up(f"there is no place for kernels ({error.strerror})")
+                return False
+            self._key = _key(self._identity())
+        return bool(self._key)
+
+    def _stored(self) -> Path | None:
+        """The kernel in the cache, ours and undamaged; what is not is removed, or it would be met at every run."""
+        if not self._named():
+            return None
+        with suppress(OSError):
+            folder = kernel_folder.our_folder()
+            for path in kernel_folder.kernels(folder, self._key) if folder else []:
+                if not (fault := _fault(path)):
+                    return path
+                path.unlink()
+                notice(f"the kernel {path} {fault} and was removed")
+        return None
+
+    def _text(self) -> str:
+        try:
+            return self._source()
+        except NotCompilableError as error:
+            self._give_up(str(error))
+            return ""
+
+    def _built(self) -> Path | None:
+        """The kernel, built now."""
+        text = self._text() if self._named() else ""
+        if not text:
+            return None
+        try:
+            workshop = kernel_build.new_workshop(kernel_folder.made_folder(), text)
+        except OSError as error:
+            self._give_up(f"{kernel_folder.cache_folder()} takes no kernels ({error.strerror})")
+            return None
+        said = kernel_build.build(workshop, self._key, c_compiler())
+        found = None if said else self._stored()
+        if found is None:
+            self._give_up(f"the C compiler failed ({said or 'its kernel has gone'})")
+        return found
+
+    def _begin(self) -> None:
+        """Has the kernel built by a process of its own, which may outlive this one; unless one is at it already."""
+        with suppress(OSError):  # nobody asked for this kernel
+            place = kernel_folder.made_folder() / f"{kernel_build.BUILDING}{self._key}"
+            if kernel_build.busy(place):
+                return
+            kernel_folder.remove_workshop(place)  # given up
+            text = self._text()
+            if not text:
+                return
+            workshop = kernel_build.new_workshop(place.parent, text)
+            command = [sys.executable, "-I", "-S", kernel_build.__file__]
+            try:
+                subprocess.Popen(
+                    [*command, workshop, self._key, *c_compiler()],
+                    stdin=subprocess.DEVNULL,
+                    stdout=subprocess.DEVNULL,
+                    stderr=subprocess.DEVNULL,
+                    start_new_session=True,
+                )
+            except OSError:
+                shutil.rmtree(workshop, ignore_errors=True)
+
+    def _take(self, agrees: Callable[[K], bool], path: Path | None) -> None:
+        """Loads a kernel and uses it from now on, if it says what CasADi says."""
+        if path is None:
+            return
+        self.untried = False
+        try:
+            kernel = self._loaded(path)
+        except (OSError, AttributeError) as error:
+            with suppress(OSError):
+                path.unlink()
+            self._give_up(f"the kernel {path} cannot be loaded and was removed ({error})")
+            return
+        if agrees(kernel):
+            self.kernel = kernel
+        else:
+            with suppress(OSError):
+                path.unlink()
+            self._give_up(f"the kernel {path} disagrees with CasADi and was removed")
+
+    def _give_up(self, why: str) -> None:
+        self.untried = False
+        notice(f"{why}: CasADi's own evaluation is used, slower")
+
+
+def agree(found: Sequence[Array], expected: Sequence[Array], nearby: Sequence[Array]) -> bool:
+    """Whether a kernel's numbers are CasADi's up to rounding.
+
+    ``nearby``: CasADi's numbers where what it is given is `nudged`. Large terms that all but cancel, as in the gaps of
+    a solved path, leave rounding that is large beside the result; it is small beside what the nudge makes of it.
+    """
+    with np.errstate(all="ignore"):
+        return all(
+            np.allclose(a, b, rtol=0.0, atol=CLOSE * _largest(b) + _largest(c - b), equal_nan=True)
+            for a, b, c in zip(found, expected, nearby, strict=True)
+        )
+
+
+def _largest(numbers: Array) -> float:
+    return float(np.max(np.abs(numbers), where=np.isfinite(numbers), initial=1e-300))
+
+
+def nudged(numbers: Array) -> Array:
+    """Each of them more or less by a share `CLOSE` of itself."""
+    signs = np.random.default_rng(0).choice([-1.0, 1.0], np.shape(numbers))
+    return np.asarray(numbers) * (1.0 + CLOSE * signs)
+
+
+def _fault(path: Path) -> str:
+    """What keeps a kernel's file from being used; "" where nothing does."""
+    try:
+        content = kernel_folder.content(path)
+    except OSError as error:
+        return f"is not used ({error.strerror})"
+    sound = kernel_build.digest(content) == path.stem.rpartition("-")[2]
+    return "" if sound else "is damaged"
+
+
+def identified(parts: Iterable[ca.Function], recipe: Iterable[ModuleType]) -> str:
+    """A name for the C text that these modules make of functions, far cheaper than the text itself."""
+    digest = hashlib.sha256()
+    for module in recipe:
+        digest.update(Path(str(module.__file__)).read_bytes())
+    return " ".join([digest.hexdigest(), *(part.serialize() for part in parts)])
+
+
+def address(array: Array) -> int:
+    """Of a contiguous array that may be written to."""
+    # array.ctypes takes three times as long
+    return ctypes.addressof(ctypes.c_char.from_buffer(array)) if array.size else 0
+
+
+def _key(identity: str) -> str:
+    """A hash of all that a kernel depends on: text and sizes, CasADi, compiler, flags, processor."""
+    parts = (identity, ca.CasadiMeta.version(), compiler(), kernel_build.FLAGS, processor())
+    return hashlib.sha256(repr(parts).encode()).hexdigest()[:32]
+
+
+def notice(text: str) -> None:
+    """One line on standard error, once."""
+    if text not in _said:
+        _said.add(text)
+        _log.warning("nhpocp: %s", text)

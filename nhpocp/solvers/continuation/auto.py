@@ -1,0 +1,264 @@
+"""What to try when the direct way fails: other starts, the goal walked up to, manoeuvres in sequence."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from time import perf_counter
+from typing import Any, ClassVar
+
+import numpy as np
+
+from nhpocp.arrays import Array
+from nhpocp.controls.control import Control
+from nhpocp.controls.sequence import join, retimed
+from nhpocp.deferred import Deferred
+from nhpocp.errors import OrientationAtPiError
+from nhpocp.flow.integrators import RungeKutta4
+from nhpocp.interruption import Interruption
+from nhpocp.problem import Horizon, PlanningProblem
+from nhpocp.solution import Outcome, Progress, Solution, telling
+from nhpocp.solvers.continuation.confirmation import begun_from, confirmed, end_of
+from nhpocp.solvers.continuation.continuation import Continuation, Found, solution
+from nhpocp.solvers.continuation.initial_control import drawn
+from nhpocp.solvers.continuation.step_rules import Adaptive
+
+PIECES = 32  # at most
+SEEDS = 8  # per manoeuvre
+EVALUATIONS = 25  # per try: starts that lead to the goal need 5 to 20
+HALVINGS = 6  # of a part of the geodesic
+STEPS_PER_PIECE = 0.4  # of the steps of a whole plan, for the shortest manoeuvre of a sequence
+BUDGET = 3000  # evaluations, after which no new try begins
+
+
+@dataclass(frozen=True)
+class Auto:
+    """Solver: the adaptive continuation, and what else may reach the goal, in this order.
+
+    1. From the problem's own start (a seeded one if that has no full rank). 2. From ``restarts`` seeded starts.
+    3. Manoeuvres: the geodesic from start to goal in pieces, each planned from small seeded controls, joined into one
+    control of basis `sequence`. (7) is driftless and, where S is regular and the growth vector is (3, 6), locally
+    controllable, so every path clear of the singularities can be followed so; systems with drift go without. 4. The
+    goal walked along the geodesic from the pose that the best of the starts reaches.
+    Only the winner enters the search for least cost (`Continuation.objective`).
+    """
+
+    continuation: Continuation = field(default_factory=lambda: Continuation(step_rule=Adaptive()))
+    restarts: int = 4
+    name: ClassVar[str] = "jacobian"
+
+    @property
+    def tolerance(self) -> float:
+        return self.continuation.tolerance
+
+    def settings(self) -> dict[str, Any]:
+        return {**self.continuation.settings(), "step_rule": "auto"}
+
+    def solve(self, problem: PlanningProblem, progress: Progress | None = None) -> Solution:
+        with Interruption():  # also between the tries; the next one stops at once
+            return solution(self, problem, _Search(self, problem, progress).found())
+
+
+class _Spent(Exception):
+    """Every evaluation that a search may take has been taken."""
+
+
+class _Search:
+    """One solve of `Auto`: the ways in order, and the records of all that was evaluated on them."""
+
+    def __init__(self, solver: Auto, problem: PlanningProblem, progress: Progress | None) -> None:
+        self.base, self.restarts = solver.continuation, solver.restarts
+        self.problem, self.space, self.progress = problem, problem.system.state_space, progress
+        self.records: list[Deferred] = []
+        self.tried: list[dict[str, Any]] = []
+        self.way = ""  # what is being tried, in words
+        self.solves = 0
+
+    def found(self) -> Found:
+        """The first try whose control a finer simulation confirms; otherwise the one that came nearest."""
+        began = perf_counter()
+        ended: list[Found] = []
+        stop = ""
+        try:
+            for way, found in self._ways():
+                ended.append(found)
+                self._note(way, found.outcome.value, found.error)
+                if found.outcome in (Outcome.CONVERGED, Outcome.INTERRUPTED):
+                    break
+        except KeyboardInterrupt:
+            stop = "Stopped by hand"
+        except _Spent:
+            stop = f"Given up after {len(self.records)} evaluations"
+        best = min(ended, key=lambda found: (found.outcome is not Outcome.CONSTRAINT_VIOLATED, found.rank))
+        if ended[-1].outcome is Outcome.CONVERGED:
+            best = ended[-1]
+            others = len(self.tried) - 1
+            message = (
+                f"{best.message} by {self.tried[-1]['way']}, after {others} other ways"
+                if others
+                else best.message
+            )
+            outcome = best.outcome
+        elif stop == "Stopped by hand" or ended[-1].outcome is Outcome.INTERRUPTED:
+            outcome, message = Outcome.INTERRUPTED, "Stopped by hand"
+        elif best.outcome is Outcome.CONSTRAINT_VIOLATED:
+            outcome, message = best.outcome, f"{best.message}; {len(self.tried)} ways were tried"
+        else:
+            ways = "; ".join(f"{way['way']}: {way['outcome']} (E = {way['error']:.3g})" for way in self.tried)
+            outcome = Outcome.NOT_REACHED
+            message = f"Nothing that was tried reached the goal. {stop + '. ' if stop else ''}{ways}"
+        return replace(
+            best,
+            outcome=outcome,
+            message=message,
+            records=self.records,
+            details={**best.details, "tried": self.tried},
+            solve_seconds=perf_counter() - began - best.build_seconds,
+        )
+
+    def _note(self, way: str, outcome: str, error: float) -> None:
+        before = sum(entry["evaluations"] for entry in self.tried)
+        evaluations = len(self.records) - before
+        self.tried.append({"way": way, "outcome": outcome, "error": error, "evaluations": evaluations})
+
+    def _ways(self) -> Iterator[tuple[str, Found]]:
+        """Every way in order, each tried when it is asked for."""
+        problem, starts = self.problem, []
+        for start in range(1 + self.restarts):
+            own = "the given start" if problem.initial is not None else "a seeded start"
+            tried = problem if start == 0 else replace(problem, initial=None)
+            self.way = own if start == 0 else f"seeded start {start} of {self.restarts}"
+            found = self._try(tried, start)
+            starts.append(found)
+            yield own if start == 0 else f"seeded start {start}", self._finished(found, self.base)
+        # a drift moves the pose between manoeuvres, and forbids them another time than the one they were planned for
+        joined = self._manoeuvres() if problem.system.driftless else None
+        if joined is not None:
+            yield f"{len(joined.control.basis.bases)} manoeuvres in sequence", joined  # type: ignore[attr-defined]
+        walked = self._walk(min(starts, key=lambda found: found.rank))
+        if walked is not None:
+            yield "walking the goal", walked
+
+    def _solve(self, solver: Continuation, problem: PlanningProblem, updates: int = 0) -> Found:
+        """A confirmed solve, its records among the search's."""
+        if len(self.records) > BUDGET:
+            raise _Spent
+        self.solves += 1
+        told = telling(self.progress, way=f"try {self.solves}: {self.way}")
+        found = confirmed(solver, problem, told, updates)
+        attempt = len(self.tried)
+        self.records += [record | {"attempt": attempt} for record in found.records]
+        return found
+
+    def _try(self, problem: PlanningProblem, seed: int) -> Found:
+        """The continuation to the goal alone, given up soon; converged only if confirmed."""
+        limit = min(self.base.max_iterations, EVALUATIONS)
+        solver = replace(self.base, objective="none", max_iterations=limit, seed=self.base.seed + seed)
+        return self._solve(solver, replace(problem, bounds=()) if problem.bounds else problem)
+
+    def _finished(self, found: Found, solver: Continuation) -> Found:
+        """The second phase, for a try that has reached the goal: least cost, and the bounds.
+
+        What had reached the goal is kept where the second phase ends with a claim that finer steps refute.
+        """
+        if found.outcome is not Outcome.CONVERGED or (solver.objective == "none" and not self.problem.bounds):
+            return found
+        second = self._solve(solver, begun_from(self.problem, found.control), found.updates)
+        if second.outcome in (Outcome.CONVERGED, Outcome.CONSTRAINT_VIOLATED, Outcome.INTERRUPTED):
+            return second
+        if self.problem.bounds:
+            return replace(second, outcome=Outcome.CONSTRAINT_VIOLATED)
+        return replace(
+            found, message=f"{found.message}; finer steps refuted the search for less {solver.objective}"
+        )
+
+    def _manoeuvres(self) -> Found | None:
+        """One plan after another along the geodesic to the goal, each as far as it succeeds; None if one gets stuck.
+
+        A plan that fails is tried again for half of the way. Manoeuvre i would cost E_i in unit time; it gets a share
+        √E_i / Σ √E of the horizon, with which the whole costs (Σ √E)²/T, the least of all divisions.
+        """
+        here, step = self.problem.start_point, 0.5
+        controls: list[Control] = []
+        while step > 0.5**HALVINGS and len(controls) < PIECES:
+            goal = self.problem.goal if step == 1.0 else self._between(here, step)
+            if goal is None:
+                return None
+            start = self.space.unpack(here)
+            part = replace(self.problem, start=start, goal=goal, horizon=Horizon(1.0), via=())
+            self.way = f"manoeuvre {len(controls) + 1}, over {step:.3g} of what is left"
+            control = self._piece(part, step**0.5)
+            if control is None:
+                step *= 0.5
+                continue
+            controls.append(control)
+            if step == 1.0:
+                return self._joined(controls)
+            here, step = end_of(part, control, self.base.integrator), min(1.0, 2.0 * step)
+        self._note(
+            f"manoeuvres in sequence, stuck after {len(controls)}", "stagnated", self.problem.goal_error(here)
+        )
+        return None
+
+    def _piece(self, part: PlanningProblem, size: float) -> Control | None:
+        """One manoeuvre: the shorter of the first two plans that seeded starts lead to.
+
+        A loop of size s moves a driftless system by s² along its brackets, so the starts shrink like √distance.
+        """
+        found: list[Control] = []
+        for seed in range(SEEDS):
+            random = np.random.default_rng(self.base.seed + seed)
+            tried = self._try(replace(part, initial=drawn(part, random, size)), seed)
+            if tried.outcome is Outcome.INTERRUPTED:
+                raise KeyboardInterrupt
+            if tried.outcome is Outcome.CONVERGED:
+                found.append(tried.control)
+            if len(found) == 2:
+                break
+        return min(found, key=lambda control: control.effort, default=None)
+
+    def _joined(self, controls: list[Control]) -> Found:
+        """The manoeuvres as one control over the problem's horizon, corrected as one."""
+        weights = np.sqrt([control.effort for control in controls])
+        shares = self.problem.horizon.fixed * weights / weights.sum()
+        joined = join([retimed(control, share) for control, share in zip(controls, shares, strict=True)])
+        integrator = self.base.integrator
+        if isinstance(integrator, RungeKutta4):
+            steps = int(STEPS_PER_PIECE * integrator.steps * weights.sum() / weights.min())
+            integrator = replace(integrator, steps=steps)
+        solver = replace(self.base, integrator=integrator)
+        whole = replace(begun_from(self.problem, joined), bounds=())
+        self.way = f"{len(controls)} manoeuvres as one"
+        return self._finished(self._solve(replace(solver, objective="none"), whole), solver)
+
+    def _walk(self, nearest: Found) -> Found | None:
+        """Goal continuation: from the pose that a start reaches to the goal, in steps that succeed."""
+        problem = self.problem
+        here = end_of(problem, nearest.control, self.base.integrator)
+        coefficients, share, step = np.array(nearest.control.coefficients), 0.0, 0.5
+        while np.isfinite(here).all() and share < 1.0 and step > 0.5**HALVINGS:
+            towards = min(1.0, share + step)
+            self.way = f"walking the goal, at {towards:.3g} of the way"
+            goal = problem.goal if towards == 1.0 else self._between(here, towards)
+            if goal is None:
+                return None
+            found = self._try(replace(problem, goal=goal, initial=coefficients), 0)
+            if found.outcome is Outcome.INTERRUPTED:
+                raise KeyboardInterrupt
+            if found.outcome is Outcome.CONVERGED:
+                coefficients, share, step = np.array(found.control.coefficients), towards, 1.5 * step
+            else:
+                step *= 0.5
+        arrived = self._try(replace(problem, initial=coefficients), 0)
+        return self._finished(arrived, self.base)
+
+    def _between(self, here: Array, share: float) -> dict[str, Array] | None:
+        """The goal's blocks at a share of the geodesic to it; None where it has two (a half turn) or names outputs."""
+        if not set(self.problem.goal) <= set(self.space.names):
+            return None
+        try:
+            tangent = self.space.difference(self.problem.goal_point, here)
+        except OrientationAtPiError:
+            return None
+        there = self.space.unpack(np.asarray(self.space.retract(here, share * tangent)))
+        return {name: there[name] for name in self.problem.goal}

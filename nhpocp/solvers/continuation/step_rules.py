@@ -1,0 +1,148 @@
+"""How far to go along the full step of the continuation, (16): Euler's fixed share, a trust region, an ODE in θ."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from math import inf, log, log1p
+from typing import Any, ClassVar, Protocol
+
+import numpy as np
+
+from nhpocp.arrays import Array, norm
+from nhpocp.solvers.continuation.evaluation import Evaluation
+
+KEPT = 0.05  # share of the promised reduction that a trial must keep to be accepted
+PROMISED = 1e-9  # share of |e| that a step must promise to remove
+SMALLEST = 1e-7  # of the first radius: no shorter steps are tried
+Evaluate = Callable[[Array, float], Evaluation]  # (coefficients, γ that led there) ↦ the evaluation, recorded
+
+
+class StepRule(Protocol):
+    """The updates of one continuation."""
+
+    kind: ClassVar[str]
+    evaluations: ClassVar[int] = 1  # that an update takes; trials that are refused count besides
+
+    def updates(self, here: Evaluation, evaluate: Evaluate) -> Iterator[Evaluation]:
+        """Yields every control that becomes the current one; may evaluate others between. Ends if it is at a loss."""
+        ...
+
+    def settings(self) -> dict[str, Any]:
+        """The rule's own settings under the problem file's names."""
+        ...
+
+    def updates_left(self, error: float, tolerance: float) -> float | None:
+        """How many updates the theory foretells until the error is below the tolerance; None where it is silent."""
+        return None
+
+
+def full_step(here: Evaluation) -> Array:
+    """δΛ with J δλ = -e, inputs × size; zero where there is no direction."""
+    if here.direction is None:
+        return np.zeros_like(here.coefficients)
+    return here.direction.step.reshape(here.coefficients.shape)
+
+
+@dataclass(frozen=True)
+class Euler(StepRule):
+    """Λ ← Λ - γ J^# e, [Paper] eq. (17). The paper names no γ; 0.1 is ours."""
+
+    gamma: float = 0.1
+    kind: ClassVar[str] = "euler"
+
+    def updates(self, here: Evaluation, evaluate: Evaluate) -> Iterator[Evaluation]:
+        while True:
+            here = evaluate(here.coefficients + self.gamma * full_step(here), self.gamma)
+            yield here
+
+    def settings(self) -> dict[str, Any]:
+        return {"gamma": self.gamma}
+
+    def updates_left(self, error: float, tolerance: float) -> float | None:
+        """To first order an update leaves the share 1 - γ of e, as (9) with dθ = 1; nothing is foretold near γ = 1."""
+        if not 0.0 < self.gamma < 0.9 or not tolerance < error < inf:
+            return None
+        return log(tolerance / error) / log1p(-self.gamma)
+
+
+@dataclass(frozen=True)
+class Adaptive(StepRule):
+    """Steps inside a trust region |ΔΛ| ≤ Δ. [Nocedal, Wright, Numerical Optimization, ch. 4 and 10]
+
+    Of all steps so short the one is taken that reduces the linear model |e + J δλ| most (`Direction.within`); the share
+    of that promise which is kept widens or narrows Δ. A trial whose path is not finite, or jumps across a surface that
+    the equations cannot cross, is refused like one that promises too much. Near the solution the step is (16)'s with
+    γ = 1, Newton's method; γ of the records is the share of the error that the model promises to remove.
+    ``first_radius`` is in units of 1 + |Λ₀|; lengths are those of the metric, in which a natural control has 1.
+    """
+
+    first_radius: float = 0.5
+    kind: ClassVar[str] = "adaptive"
+
+    def updates(self, here: Evaluation, evaluate: Evaluate) -> Iterator[Evaluation]:
+        if here.direction is None:
+            return
+        radius = self.first_radius * (1.0 + here.direction.length(here.coefficients.ravel()))
+        smallest = SMALLEST * radius
+        while radius > smallest and here.direction is not None and here.vector is not None:
+            step, image = here.direction.within(radius)
+            promised = here.merit - float(norm(here.vector + image))
+            if not promised > PROMISED * here.merit:
+                return
+            size = here.direction.length(step)
+            trial = evaluate(here.coefficients + step.reshape(here.coefficients.shape), promised / here.merit)
+            useless = trial.failure or trial.crossing
+            kept = -inf if useless else (here.merit - trial.merit) / promised
+            radius = float(next_radius(radius, size, kept))
+            if kept > KEPT:
+                here = trial
+                yield here
+
+    def settings(self) -> dict[str, Any]:
+        return {}
+
+
+def next_radius(radius: Array | float, size: Array | float, kept: Array | float) -> Array:
+    """The trust region's, after a step of a size that kept a share of its promise, -inf for none; numbers or arrays."""
+    shorter = np.where(np.greater(kept, 0.0), 0.5, 0.25) * np.minimum(radius, size)
+    longer = np.where(np.greater(kept, 0.75), np.maximum(radius, np.multiply(2.5, size)), radius)
+    return np.where(np.less(kept, 0.25), shorter, longer)
+
+
+@dataclass(frozen=True)
+class Ode(StepRule):
+    """(16) itself, dΛ/dθ = -γ J^# e, integrated in θ by an adaptive Runge–Kutta scheme.
+
+    Then e(θ) = e^{-γθ} e(0) to the integration's tolerance, [Paper] eq. (9); an update's γ is γ Δθ. By SciPy's DOP853
+    rather than SUNDIALS: the right-hand side is an SVD of numbers, which CasADi could only see as a callback.
+    """
+
+    gamma: float = 0.1
+    tolerance: float = 1e-9
+    kind: ClassVar[str] = "ode"
+    evaluations: ClassVar[int] = 13  # DOP853's stages, and the end of the step for the record
+
+    def updates(self, here: Evaluation, evaluate: Evaluate) -> Iterator[Evaluation]:
+        from scipy.integrate import DOP853
+
+        shape, coordinates = here.coefficients.shape, here.direction.coordinates if here.direction else None
+        if coordinates is None:
+            return
+
+        def control(z: Array) -> Array:
+            return coordinates.coefficients(z).reshape(shape)
+
+        def rate(theta: float, z: Array) -> Array:
+            return self.gamma * coordinates.of(full_step(evaluate(control(z), self.gamma)).ravel())
+
+        accuracy = {"rtol": self.tolerance, "atol": self.tolerance}
+        solver = DOP853(rate, 0.0, coordinates.of(here.coefficients.ravel()), np.inf, **accuracy)
+        while solver.status == "running":
+            solver.step()
+            if solver.status == "failed":
+                return
+            yield evaluate(control(solver.y), float(solver.t - solver.t_old) * self.gamma)
+
+    def settings(self) -> dict[str, Any]:
+        return {"gamma": self.gamma}

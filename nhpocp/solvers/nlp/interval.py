@@ -1,0 +1,259 @@
+"""One shooting interval of the NLP as CasADi functions: where it leads, what it costs, what it must respect."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from nhpocp.arrays import Array
+from nhpocp.calls import call, mapped
+from nhpocp.constraints import Bound, bound_rows
+from nhpocp.controls.basis import ControlBasis
+from nhpocp.flow.shot import Shot, part
+from nhpocp.kept import kept
+from nhpocp.objectives import SOFTENINGS, searched
+from nhpocp.problem import PlanningProblem
+from nhpocp.solvers.nlp.task_rows import TaskRows, basis_table, stage_times
+from nhpocp.state_space import StateSpace
+from nhpocp.systems.numeric import numeric_system
+from nhpocp.systems.system import System
+from nhpocp.task import Task
+
+MOST = 4  # intervals that are kept for one system
+# what counts as 1, and the length that softens `path_length`; one for every bound follows
+UNITS = ("length", "number", "time", "cost", "soft")
+STEADY = 1e-4  # of a path's length: what keeps a horizon in which that is the same near its first value
+
+
+@dataclass(frozen=True)
+class StatedRow:
+    """A bound on one component of a quantity at one place of the interval."""
+
+    name: str
+    lower: float  # in the quantity's own unit, which the NLP does not see
+    upper: float
+    share: float  # of the interval
+    unit: int  # where what counts as 1 in it stands among the units
+    of_pose: bool  # whatever the control
+
+
+class Interval:
+    """One shooting interval, symbolically: the same for every k, N and unit, which enter through parameters.
+
+    ``shot``: its functions of w_k = (z_k, c, u_k), numbers without unit. The constants of its parameters are
+    the reference poses at its ends, the lengths of an interval and of a step, shares of the horizon where that is free,
+    else times, and what counts as 1 (`units_of`).
+    """
+
+    def __init__(
+        self, problem: PlanningProblem, basis: ControlBasis | None, steps: int, bounds: Sequence[Bound]
+    ) -> None:
+        system, space = problem.system, problem.system.state_space
+        self.problem, self.basis, self.steps, self.bounds = problem, basis, steps, bounds
+        self.free_horizon = problem.horizon.free
+        d, m = space.dimension, system.input_space.size
+        self.statics = (m * basis.size if basis else 0) + int(self.free_horizon)
+        self.dimension, self.nodes, self.controls = d, d + self.statics, 0 if basis else m
+        self.rows: list[StatedRow] = []
+        self.shot = self._shot()
+
+    def _shot(self) -> Shot:
+        problem, space = self.problem, self.problem.system.state_space
+        z, y = (
+            ca.SX.sym("z", self.dimension),
+            ca.SX.sym("y", space.size + 1),
+        )  # the state, then the cost so far
+        s = ca.SX.sym("s", self.statics + self.controls)
+        here, there = ca.SX.sym("here", space.size), ca.SX.sym("there", space.size)
+        interval, step = ca.SX.sym("interval"), ca.SX.sym("step")
+        phi = ca.SX.sym("phi", self.basis.size if self.basis else 0)
+        units = ca.SX.sym("units", len(UNITS) + len(self.bounds))
+        constants = ca.vertcat(here, there, interval, step, units)
+        state, control = y[:-1], self._control(s, phi, units)
+        time, scales = units[UNITS.index("time")], self._scales(space, units)
+        horizon = time * s[self.statics - 1] if self.free_horizon else 1.0
+        rate = numeric_system(problem.system).rate_function(state, control)
+        rest = units[UNITS.index("soft")] / (horizon if self.free_horizon else time)
+        slope = step * horizon * ca.vertcat(rate, self._integrand(state, control, rest))
+        after = space.coordinates(state, there) / scales
+        places, expressions = self._path_rows(state, control, s, units)
+        if self.free_horizon:
+            self.rows.append(StatedRow("horizon", *problem.horizon.range, 0.0, UNITS.index("time"), False))
+            places = np.hstack([places, np.full((len(places), 1), -1)])
+            places[-1, -1] = self.nodes + len(self.rows) - 1
+            expressions.append(horizon / time)
+        # continuity as s_{k+1} - F_k = 0, the sign that fatrop asks for
+        cost = self._cost(s, interval * horizon, y[-1], units) / units[UNITS.index("cost")]
+        closed = ca.vertcat(cost, -after, -s[: self.statics, :])
+        first, others = (z, s, constants, phi), (y, s, constants, phi)
+        opened = ca.vertcat(space.chart(scales * z, here), 0)
+        return Shot(
+            part("opened", first, opened),
+            part("slope", others, slope),
+            part("rows", others, ca.vertcat(*expressions)),
+            part("closed", others, closed),
+            places,
+        )
+
+    def constants(self, here: Array, there: Array, intervals: int, units: Array) -> Array:
+        """c of one of so many intervals between two reference poses."""
+        length = (1.0 if self.free_horizon else self.problem.horizon.fixed) / intervals
+        return np.concatenate([here, there, [length, length / self.steps], units])
+
+    def points(self, z: Array, references: Array, units: Array) -> Array:
+        """The states (k, size) with local coordinates (k, dimension) about references (k, size)."""
+        return self._at_nodes(self.shot.opened, z, references, units)[:, :-1]
+
+    def coordinates(self, states: Array, references: Array, units: Array) -> Array:
+        """The local coordinates (k, dimension) of states (k, size); `points` undone."""
+        y = np.hstack([states, np.zeros((len(states), 1))])
+        return -self._at_nodes(self.shot.closed, y, references, units)[:, 1 : 1 + self.dimension]
+
+    def _at_nodes(self, part: ca.Function, y: Array, references: Array, units: Array) -> Array:
+        """A part of the shot at many poses, where nothing but the pose matters."""
+        k, (_, s, _, phi) = len(y), (part.size1_in(i) for i in range(4))
+        constants = np.array([self.constants(reference, reference, 1, units) for reference in references])
+        return call(mapped(part, k), y, np.zeros((k, s)), constants, np.zeros((k, phi)))[0]
+
+    def meeting(
+        self, task: Task, stage: int, offset: float, reference: Array, intervals: int, units: Array
+    ) -> TaskRows:
+        """A task's equations at a place inside interval ``stage``, reached by the interval's own steps.
+
+        The last of them is cut short where the place lies within it.
+        """
+        space, size = self.problem.system.state_space, self.basis.size if self.basis else 0
+        w, here = ca.SX.sym("w", self.nodes + self.controls), ca.SX.sym("here", space.size)
+        z, s = w[: self.dimension, :], w[self.dimension :, :]
+        shares = stage_times(offset, self.steps)
+        tables = ca.SX.sym("phi", size, len(shares))
+        phi = ca.horzsplit(tables)
+        length = (1.0 if self.free_horizon else self.problem.horizon.fixed) / intervals
+        y = self.shot.opened(z, s, ca.vertcat(here, here, 0, 0, units), phi[0])
+        for j in range(0, len(shares) - 1, 2):
+            constants = ca.vertcat(here, here, length, (shares[j + 2] - shares[j]) * length, units)
+            y = self.shot.step(y, s, constants, phi[j : j + 3])
+        parameters = [reference]
+        if self.basis:
+            parameters.append(basis_table(self.basis, (stage + shares) / intervals).ravel())
+        labels = [*(space.tangent_labels[i] for i in task.rows), *task.output_labels]
+        return TaskRows(
+            stage=stage,
+            time=task.share,
+            names=[f"via pose at {task.share:g}: {label}" for label in labels],
+            w=w,
+            p=ca.vertcat(here, ca.vec(tables)),
+            rows=ca.SX(ca.vertcat(*task.equations(y[:-1]))),
+            parameters=np.concatenate(parameters),
+        )
+
+    def last_meeting(self, task: Task, reference: Array, intervals: int, units: Array) -> TaskRows:
+        """The equations of a task's outputs at the last node."""
+        space = self.problem.system.state_space
+        s, here = ca.SX.sym("s", self.nodes), ca.SX.sym("here", space.size)
+        state = space.chart(self._scales(space, units) * s[: self.dimension, :], here)
+        names = [f"goal of {label}" for label in task.output_labels]
+        rows = ca.SX(ca.vertcat(*task.output_equations(state)))
+        return TaskRows(intervals, task.share, names, s, here, rows, reference)
+
+    def _scales(self, space: StateSpace, units: Any) -> Any:
+        """What counts as 1 in each tangent number of a space."""
+        ones = {"length": units[UNITS.index("length")], "angle": 1.0, "": units[UNITS.index("number")]}
+        return ca.vertcat(ca.SX(0, 1), *(ones[unit] for unit in space.tangent_units))
+
+    def _input_scales(self, units: Any) -> Any:
+        return self._scales(self.problem.system.input_space, units) / units[UNITS.index("time")]
+
+    def _control(self, s: ca.SX, phi: ca.SX, units: ca.SX) -> ca.SX:
+        """u of the variables s, with φ of its time."""
+        if self.basis is None:
+            # with one index, nothing of one number is a row to CasADi
+            return self._input_scales(units) * s[self.statics :, :]
+        inputs = self.problem.system.input_space.size
+        coefficients = ca.reshape(s[: inputs * self.basis.size, :], self.basis.size, inputs).T
+        return self._input_scales(units) * (coefficients @ phi)
+
+    def _integrand(self, state: ca.SX, control: ca.SX, rest: ca.SX) -> Any:
+        name = self.problem.objective
+        if name in ("effort", "time"):  # exact without quadrature
+            return 0.0
+        return searched(name, self.problem.system, state, control, self.problem.scale, rest)
+
+    def _cost(self, s: ca.SX, length: Any, quadrature: ca.SX, units: ca.SX) -> Any:
+        """q of an interval of that length in time."""
+        if self.problem.objective == "time":
+            return length
+        if self.problem.objective == "path_length" and self.free_horizon:
+            ratio = s[self.statics - 1]  # of T to its first value
+            return quadrature * (1.0 + STEADY * (ratio + 1.0 / ratio - 2.0))
+        if self.problem.objective != "effort":
+            return quadrature
+        if self.basis is None:
+            return length * ca.sumsqr(self._input_scales(units) * s[self.statics :, :])
+        inputs, size = self.problem.system.input_space.size, self.basis.size
+        coefficients = s[: inputs * size, :] * _each(self._input_scales(units), size)
+        gram = ca.DM(np.kron(np.eye(inputs), np.asarray(self.basis.gram(1.0))))  # ∫₀ᵀ = T ∫₀¹
+        return length * (coefficients.T @ gram @ coefficients)
+
+    def _path_rows(
+        self, state: ca.SX, control: ca.SX, chosen: ca.SX, units: ca.SX
+    ) -> tuple[Array, list[Any]]:
+        """Rows at the end of every step, and at the interval's start where the control makes a quantity jump.
+
+        ``chosen``: the variables that set the control. The places among the outputs that `Shot` wants, and expressions.
+        """
+        system, scale, expressions, columns = self.problem.system, self.problem.scale, [], []
+        for number, bound in enumerate(self.bounds, len(UNITS)):
+            found = bound_rows(bound, system, state, control, scale)
+            places = np.full((self.steps + 1, len(found)), -1)
+            for j in range(self.steps + 1):
+                for i, (name, expression, lower, upper) in enumerate(found):
+                    of_pose = not ca.depends_on(ca.SX(expression), chosen)
+                    if j == 0 and of_pose:
+                        continue
+                    if j < self.steps and lower == upper:
+                        continue  # one control cannot hold an equation at several times
+                    places[j, i] = self.nodes + len(self.rows)
+                    self.rows.append(StatedRow(name, lower, upper, j / self.steps, number, of_pose))
+            columns.append(places)
+            expressions += [expression / units[number] for _, expression, _, _ in found]
+        return np.hstack([np.zeros((self.steps + 1, 0), dtype=int), *columns]), expressions
+
+
+def _each(scales: ca.SX, size: int) -> ca.SX:
+    """Every scale, repeated for so many coefficients."""
+    return ca.vec(ca.repmat(scales.T, size, 1))
+
+
+def units_of(problem: PlanningProblem, bounds: Sequence[Bound], softening: float = SOFTENINGS[-1]) -> Array:
+    """What counts as 1 in a problem, in the order of `UNITS`, then in each of its bounds; minors have no unit."""
+    scales = problem.scales
+    soft = softening * scales.objective("path_length")
+    own = [scales.length, scales.number, scales.time, scales.objective(problem.objective), soft]
+    return np.array([*own, *(1.0 if b.quantity.startswith("sigma_") else b.scale for b in bounds)])
+
+
+def interval_of(
+    problem: PlanningProblem, basis: ControlBasis | None, steps: int, bounds: Sequence[Bound]
+) -> Interval:
+    """The `Interval`, made once: neither start, goal, guess nor N enters it."""
+    sides = tuple(
+        (bound.label, bound.quantity, *(repr(np.asarray(x).tolist()) for x in (bound.lower, bound.upper)))
+        for bound in bounds
+    )
+    key = (problem.objective, problem.scale, problem.horizon, basis, steps, sides)
+    made = _made(problem.system)
+    if key not in made:
+        while len(made) >= MOST:
+            made.pop(next(iter(made)))
+        made[key] = Interval(problem, basis, steps, list(bounds))
+    return made[key]
+
+
+@kept(most=2)  # of two systems: each interval may hold 50 MB of expressions
+def _made(system: System) -> dict[Any, Interval]:
+    return {}

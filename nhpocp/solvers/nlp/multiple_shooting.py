@@ -1,0 +1,283 @@
+"""The steering task as an optimal-control problem: direct shooting, solved by an NLP optimizer."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from time import perf_counter
+from typing import Any, ClassVar
+
+import numpy as np
+
+from nhpocp.constraints import check_bounds
+from nhpocp.errors import InvalidProblemError
+from nhpocp.flow.compiled.kernels import CompiledWhenReady, Kernels
+from nhpocp.interruption import Interruption
+from nhpocp.problem import PlanningProblem
+from nhpocp.solution import Outcome, Progress, Solution, telling
+from nhpocp.solvers.continuation.auto import Auto
+from nhpocp.solvers.continuation.continuation import Continuation
+from nhpocp.solvers.continuation.step_rules import Adaptive
+from nhpocp.solvers.nlp.guesses import GuessMaker, ProblemGuess, SolverGuess, StraightGuess
+from nhpocp.solvers.nlp.optimizers import Ipopt, Optimizer
+from nhpocp.solvers.nlp.shooting_run import Run
+from nhpocp.solvers.nlp.single_shooting import SingleShooting
+from nhpocp.solvers.nlp.transcription import Transcription
+
+PATIENCE = (
+    200  # iterations, or a quarter of those allowed, after which another guess is likelier to lead somewhere
+)
+
+
+@dataclass(frozen=True)
+class MultipleShooting:
+    """Solver: minimises the problem's objective subject to the dynamics, the goal and every bound.
+
+    ``over_basis``: the control over the problem's basis, else piecewise constant on ``intervals``.
+    ``steps_per_interval``: RK4 steps in each interval; None refines them until a simulation with eight times as
+    many steps ends within a tenth of the tolerance. Bounds that are broken between the nodes are tightened there by as
+    much, and the problem is solved again. ``starts``: the first is ``guess``, the others seeded; the least objective
+    of those that end well is kept. ``mesh_check``: solve again with twice as many intervals and say what that changes.
+    ``kernels``: whether compiled ones evaluate the intervals for IPOPT.
+    Where no start leads to an optimum, other guesses are tried within the iterations that are left; else a guess that
+    reaches the goal is handed back, and called one.
+    """
+
+    intervals: int = 50
+    steps_per_interval: int | None = None
+    over_basis: bool = False
+    transcription: type[Transcription] = Transcription
+    optimizer: Optimizer = field(default_factory=Ipopt)
+    guess: GuessMaker = field(default_factory=ProblemGuess)
+    starts: int = 1
+    seed: int = 0
+    mesh_check: bool = False
+    kernels: Kernels = field(default_factory=CompiledWhenReady)
+    name: ClassVar[str] = "nlp"
+    chooses_horizon: ClassVar[bool] = True
+
+    @property
+    def tolerance(self) -> float:
+        return self.optimizer.tolerance
+
+    def settings(self) -> dict[str, Any]:
+        return {
+            "control": "basis" if self.over_basis else "piecewise_constant",
+            "intervals": self.intervals,
+            "steps_per_interval": self.steps_per_interval or "auto",
+            "shooting": "single" if self.transcription is SingleShooting else "multiple",
+            "initial": self.guess.kind,
+            **self.optimizer.settings(),
+            "starts": self.starts,
+            "seed": self.seed,
+            "mesh_check": self.mesh_check,
+        }
+
+    def solve(self, problem: PlanningProblem, progress: Progress | None = None) -> Solution:
+        with Interruption():  # also between the optimizer's calls; the next one stops at once
+            return self._best(problem, progress)
+
+    def _best(self, problem: PlanningProblem, progress: Progress | None) -> Solution:
+        if self.starts < 1:
+            raise InvalidProblemError("starts must be at least 1", path="solvers.nlp.starts")
+        ended = list(self._from_starts(problem, progress))
+        details: dict[str, Any] = {}
+        if self.starts > 1:
+            details["starts"] = [
+                {"start": i, "outcome": solution.outcome.value, "objective": _objective(solution)}
+                for i, solution in enumerate(ended)
+            ]
+        best = max(ended, key=_rank)
+        if not _well(best) and best.outcome is not Outcome.INTERRUPTED:
+            best = self._from_other_guesses(problem, progress, best, ended)
+        best = _summed(best, ended, details)
+        if self.mesh_check and best.outcome is Outcome.CONVERGED and best.details.get("certified", True):
+            began = perf_counter()
+            told = telling(progress, way=f"mesh check with {2 * self.intervals} intervals")
+            found = mesh_check(self, problem, best, told)
+            found = {"mesh_check": found, "mesh_check_s": perf_counter() - began}
+            best = replace(best, details={**best.details, **found})
+        return best
+
+    def _from_starts(self, problem: PlanningProblem, progress: Progress | None) -> Iterator[Solution]:
+        """One solution a start."""
+        for start in range(self.starts):
+            maker = self.guess if start == 0 else ProblemGuess()
+            told = telling(progress, way=f"start {start + 1} of {self.starts}" if self.starts > 1 else None)
+            solution = self._run(
+                problem, told, maker, self.seed + start if start else 0, self._allowed
+            ).solve()
+            yield solution
+            if solution.outcome is Outcome.INTERRUPTED:
+                break
+
+    def _from_other_guesses(
+        self, problem: PlanningProblem, progress: Progress | None, best: Solution, ended: list[Solution]
+    ) -> Solution:
+        """What other guesses lead to, added to ``ended``: the first that ends well, else the best so far."""
+        tried = [f"{self.guess.kind}: {_in_short(best)}"]
+        budget, reached = self._allowed, None
+        left = budget * self.starts - sum(map(_iterations, ended)) if budget else None
+        known: list[GuessMaker] = [StraightGuess(), SolverGuess(self._continuation), ProblemGuess()]
+        others = [maker for maker in known if maker.kind != self.guess.kind]
+        for maker in others:
+            if left is not None and left <= 0:
+                tried.append("max_iterations was reached")
+                break
+            told = telling(progress, way=f"from the guess {maker.kind}")
+            run = self._run(problem, told, maker, 0, left, last=maker is others[-1])
+            solution = run.solve()
+            ended.append(solution)
+            if solution.outcome is Outcome.INTERRUPTED:
+                return solution
+            if _well(solution):
+                words = f"this is the plan from the guess {maker.kind}; others before: {'; '.join(tried)}"
+                return replace(solution, warnings=[*solution.warnings, words])
+            tried.append(f"{maker.kind}: {_in_short(solution)}")
+            left = left - _iterations(solution) if left is not None else None
+            reached = reached or run.origin
+        words = f"Guesses that were tried: {'; '.join(tried)}."
+        if stalled := _uncertified(ended):
+            return replace(stalled, message=f"{stalled.message} {words}")
+        if reached and best.outcome is not Outcome.CONVERGED and (plan := _taken_over(best, reached)):
+            return replace(plan, message=f"{plan.message} {words}")
+        return replace(best, message=f"{best.message} {words}")
+
+    def _run(
+        self,
+        problem: PlanningProblem,
+        progress: Progress | None,
+        maker: GuessMaker,
+        seed: int,
+        iterations: int | None,
+        last: bool = False,
+    ) -> Run:
+        """One run from one guess; of the iterations that are left only the last may take all."""
+        optimizer: Any = self.optimizer
+        if iterations is not None:
+            most = iterations if last else min(iterations, max(PATIENCE, iterations // 4))
+            optimizer = replace(optimizer, max_iterations=most)
+        return Run(self, problem, progress, maker, seed, optimizer)
+
+    @property
+    def _continuation(self) -> Auto:
+        return Auto(Continuation(step_rule=Adaptive(), tolerance=self.tolerance))
+
+    @property
+    def _allowed(self) -> int | None:
+        """Iterations of one start and what takes its place; None where the optimizer counts none."""
+        return self.optimizer.settings().get("max_iterations")
+
+
+def _objective(solution: Solution) -> float:
+    return float(solution.details.get("objective_value", np.inf))
+
+
+def _well(solution: Solution) -> bool:
+    """Whether an optimum is what it says, as far as finer steps and the determinants' signs tell."""
+    gap, one_side = solution.details.get("resimulated_gap", 0.0), solution.details.get("one_side", True)
+    return solution.outcome is Outcome.CONVERGED and bool(one_side and gap <= solution.tolerance)
+
+
+def _uncertified(ended: list[Solution]) -> Solution | None:
+    """The least of the points that meet every row and where the optimizer stalled: a plan, if no certified optimum.
+
+    At an abnormal extremal no multipliers exist, and none may ever end otherwise. What met the iteration limit says so.
+    """
+    plans = [
+        solution
+        for solution in ended
+        if solution.outcome is Outcome.STAGNATED
+        and solution.details.get("feasible")
+        and solution.final_error <= solution.tolerance
+    ]
+    if not plans:
+        return None
+    return _reached(min(plans, key=_objective), "")
+
+
+def _reached(plan: Solution, why: str) -> Solution:
+    """A solution that claims the goal, but no optimum, and says so."""
+    words = f"Reached; optimality is not certified{why}"
+    return replace(
+        plan,
+        outcome=Outcome.CONVERGED,
+        message=f"{words}. {plan.message}",
+        warnings=[*plan.warnings, words],
+        details={**plan.details, "certified": False},
+    )
+
+
+def _taken_over(failed: Solution, plan: Solution) -> Solution | None:
+    """A guess that reaches the goal within every bound, where no optimum was found: what there is, in true words."""
+    problem = failed.problem
+    kept = all(r.ok for r in check_bounds(problem.bounds, plan.trajectory["t"], plan.trajectory))
+    if problem.horizon.free or not kept or not plan.final_error <= failed.tolerance:
+        return None
+    cost = plan.costs.get(problem.objective)
+    details = {**failed.details, "guess": "jacobian", "objective_value": cost}
+    for name in ("costates", "optimality"):
+        details.pop(name, None)
+    found = replace(
+        failed,
+        final_error=plan.final_error,
+        control=plan.control,
+        trajectory=plan.trajectory,
+        costs=plan.costs,
+        details=details,
+    )
+    return _reached(found, ": this is the guess, over the problem's own basis")
+
+
+def _rank(solution: Solution) -> tuple[bool, bool, float]:
+    return _well(solution), solution.outcome is Outcome.CONVERGED, -_objective(solution)
+
+
+def _iterations(solution: Solution) -> int:
+    return int(solution.iterations[-1]["k"]) if solution.iterations else 0
+
+
+def _in_short(solution: Solution) -> str:
+    status, outcome = solution.details.get("status"), solution.outcome.value
+    if not status:
+        return f"{outcome} ({solution.message.rstrip('.')})"
+    return f"{outcome} ({status} after {_iterations(solution)} iterations)"
+
+
+def _summed(best: Solution, ended: list[Solution], details: Mapping[str, Any]) -> Solution:
+    """The best of some solutions with what all of them took."""
+    if len(ended) == 1:
+        return replace(best, details={**best.details, **details})
+    timing = {key: sum(solution.timing[key] for solution in ended) for key in ("build_s", "solve_s")}
+    attempts = [
+        {
+            "guess": solution.details.get("guess"),
+            "outcome": solution.outcome.value,
+            "iterations": _iterations(solution),
+            "evaluations": solution.evaluations,
+            "solve_s": solution.timing["solve_s"],
+        }
+        for solution in ended
+    ]
+    return replace(
+        best,
+        evaluations=sum(solution.evaluations for solution in ended),
+        timing={**best.timing, **timing},
+        log="\n".join(solution.log for solution in ended if solution.log),
+        details={**best.details, **details, "attempts": attempts},
+    )
+
+
+def mesh_check(
+    solver: MultipleShooting, problem: PlanningProblem, solution: Solution, progress: Progress | None = None
+) -> Mapping[str, Any]:
+    """The change of the optimum from N to 2N intervals, and Richardson's estimate of its limit.
+
+    A piecewise-constant control is off the continuous optimum by O(1/N²): the limit is near J(2N) + (J(2N) - J(N))/3.
+    """
+    finer = replace(solver, intervals=2 * solver.intervals, mesh_check=False).solve(problem, progress)
+    coarse, fine = _objective(solution), _objective(finer)
+    found = {"intervals": 2 * solver.intervals, "objective_value": fine, "outcome": finer.outcome.value}
+    if finer.outcome is Outcome.CONVERGED:
+        found |= {"change": fine - coarse, "richardson": fine + (fine - coarse) / 3}
+    return found

@@ -1,0 +1,425 @@
+"""One start of the NLP: guess, transcribe, optimise, refine the steps, tighten the bounds, say how it ended."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from time import perf_counter
+from typing import Any, ClassVar, Protocol
+
+import numpy as np
+
+from nhpocp.arrays import Array
+from nhpocp.controls.basis import ControlBasis
+from nhpocp.controls.control import Control
+from nhpocp.deferred import Deferred
+from nhpocp.flow.compiled.kernels import Interpreted, Kernels
+from nhpocp.flow.simulation import Motion, simulate
+from nhpocp.interruption import Interruption
+from nhpocp.objectives import SOFTENINGS
+from nhpocp.problem import PlanningProblem
+from nhpocp.solution import Outcome, Progress, Solution
+from nhpocp.solvers.nlp.guesses import GuessMaker, NoGuessError, make_guess, meets, starting_horizon
+from nhpocp.solvers.nlp.kkt_residuals import kkt_residuals
+from nhpocp.solvers.nlp.optimizers import Look, Optimizer, Optimum, failed
+from nhpocp.solvers.nlp.transcription import Guess, Transcription
+from nhpocp.systems.numeric import numeric_system
+from nhpocp.task import total_error
+
+SLIGHT = 1e-6  # what a row, in its own unit, may be broken by and still be said to hold
+AT_LIMIT = 1e-3  # of its size: nearer, a row is at its limit
+MOST_STEPS = 16  # per interval
+RESIMULATION_SHARE = 0.1  # of the tolerance: the integration error that a plan may carry
+FINER = 8  # times the NLP's own steps, for the re-simulation
+TIGHTENINGS = 4
+FURTHER = 1.5  # times what breaks a bound between the nodes is what it is moved by
+BETWEEN_NODES = (
+    5e-4  # relative excess of a bound between the nodes that is left alone; verification allows 1e-3
+)
+
+
+class Asked(Protocol):
+    """What a run takes from the solver that it belongs to, see `MultipleShooting`."""
+
+    name: ClassVar[str]
+
+    @property
+    def intervals(self) -> int: ...
+
+    @property
+    def steps_per_interval(self) -> int | None: ...
+
+    @property
+    def over_basis(self) -> bool: ...
+
+    @property
+    def transcription(self) -> type[Transcription]: ...
+
+    @property
+    def optimizer(self) -> Optimizer: ...
+
+    @property
+    def kernels(self) -> Kernels: ...
+
+    @property
+    def tolerance(self) -> float: ...
+
+    def settings(self) -> dict[str, Any]: ...
+
+
+class Run:
+    """One start: guess, transcribe, optimise, refine, tighten."""
+
+    def __init__(
+        self,
+        solver: Asked,
+        problem: PlanningProblem,
+        progress: Progress | None,
+        maker: GuessMaker,
+        seed: int,
+        optimizer: Optimizer,
+    ) -> None:
+        self.solver, self.problem, self.progress, self.maker, self.seed = (
+            solver,
+            problem,
+            progress,
+            maker,
+            seed,
+        )
+        self.optimizer = optimizer
+        self.numeric = numeric_system(problem.system)
+        self.basis: ControlBasis | None = problem.basis if solver.over_basis else None
+        self.bounds = list(problem.bounds)
+        self.records: list[dict[str, Any]] = []
+        self.warnings: list[str] = []
+        self.logs: list[str] = []
+        self.evaluations = 0
+        self.origin: Solution | None = None  # of the guess
+        self.build_seconds = 0.0
+        self.details: dict[str, Any] = {"guess": maker.kind}
+        wanted = SOFTENINGS if problem.objective == "path_length" else SOFTENINGS[-1:]
+        self.softening, self.harder = wanted[0], wanted[1:]
+
+    def solve(self) -> Solution:
+        began = perf_counter()
+        try:
+            guess = make_guess(self.maker, self.problem, self.basis, self.solver.intervals, self.seed)
+        except NoGuessError as error:
+            return self._without_optimum(error, perf_counter() - began)
+        self.origin = guess.origin
+        if guess.origin:
+            self.evaluations += guess.origin.evaluations
+            if guess.origin.outcome is not Outcome.CONVERGED:
+                self.warnings.append(
+                    f"the guess is where the {guess.origin.solver} solver ended as {guess.origin.outcome.value}: "
+                    + guess.origin.message
+                )
+        steps = self.solver.steps_per_interval or self._enough_steps(guess.control)
+        programme, optimum = self._refine(*self._harden(*self._optimise(guess, steps, None)))
+        plan = programme.unpack(optimum.x)
+        motion = simulate(self.problem, plan.control)
+        programme, optimum, plan, motion = self._tighten(programme, optimum, plan, motion)
+        return self._solution(programme, optimum, plan, motion, perf_counter() - began - self.build_seconds)
+
+    @property
+    def _kernels(self) -> Kernels:
+        return self.solver.kernels if self.optimizer.takes_derivatives else Interpreted()
+
+    # --- the stages ---------------------------------------------------------------------------------------------
+
+    def _optimise(
+        self, guess: Guess, steps: int, before: tuple[Transcription, Optimum] | None
+    ) -> tuple[Transcription, Optimum]:
+        """From a guess; warm where the optimum of a programme before is one."""
+        began = perf_counter()
+        programme = self.solver.transcription(
+            self.problem,
+            guess,
+            self.basis,
+            self.solver.intervals,
+            steps,
+            self.bounds,
+            self._kernels,
+            self.softening,
+        )
+        start = programme.pack(guess)
+        _, constraints = programme.functions["nlp"](start, [])
+        if "guess_defect" not in self.details:
+            self.details["guess_defect"] = float(np.max(_excess(programme, np.array(constraints).ravel())))
+        self.build_seconds += perf_counter() - began
+        first = self.records[-1]["k"] + 1 if self.records else 0
+        multipliers = carried(*before, programme) if before else None
+        with Interruption() as interruption:
+
+            def watch(k: int, objective: float, look: Look) -> bool:
+                if self.progress:
+                    cost = objective * programme.cost_unit
+                    known = {"k": first + k, "objective": cost, **self._prospect(programme, k)}
+                    self.progress(Deferred(look, known))
+                return interruption.noted
+
+            if self.progress and not self.optimizer.heeds_stops:
+                words = f"{self.optimizer.kind} is at work, and Ctrl-C waits until it has ended"
+                self.progress({"k": None, "error": None, "stage": words})
+            began = perf_counter()
+            try:
+                optimum = self.optimizer.solve(programme, start, multipliers, watch)
+                programme.note(perf_counter() - began)
+            except RuntimeError as error:  # what CasADi raises, whatever went wrong
+                optimum = failed(programme, start, error)
+            if interruption.noted:  # fatrop cannot be stopped, but what comes after it can
+                optimum = replace(optimum, outcome=Outcome.INTERRUPTED)
+        unit = programme.cost_unit
+        self.records += [
+            {**record, "k": first + record["k"], "objective": record["objective"] * unit}
+            for record in optimum.iterations
+        ]
+        self.logs.append(optimum.log)
+        self.evaluations += optimum.evaluations
+        if optimum.cut_back:
+            self.warnings.append(
+                f"{optimum.cut_back} trial steps left the region where the equations are defined and were cut back"
+            )
+        return programme, optimum
+
+    def _prospect(self, programme: Transcription, k: int) -> dict[str, Any]:
+        """What a listener is told besides, see `Progress`."""
+        limit = self.optimizer.settings().get("max_iterations")
+        phase = f"{self.solver.intervals} intervals × {programme.steps} RK4"
+        left = limit - k if limit else None
+        return {"tolerance": self.solver.tolerance, "phase": phase, "at_most": left, "expected": None}
+
+    def _enough_steps(self, control: Control) -> int:
+        """The least number of RK4 steps per interval that integrates the guess well enough."""
+        steps = 1
+        while (
+            steps < MOST_STEPS
+            and self._resimulation_gap(control, steps) > RESIMULATION_SHARE * self.solver.tolerance
+        ):
+            steps *= 2
+        return steps
+
+    def _meets(self, control: Control, steps: int) -> Array:
+        """Where a control leads at the times of the tasks, with ``steps`` RK4 steps per interval."""
+        return meets(self.problem, control, self.solver.intervals, steps)
+
+    def _resimulation_gap(self, control: Control, steps: int) -> float:
+        """Distance at the end and the via poses with ``steps`` and with ``FINER`` times as many steps per interval."""
+        coarse, fine = (self._meets(control, n) for n in (steps, FINER * steps))
+        if not (np.isfinite(coarse).all() and np.isfinite(fine).all()):
+            return np.inf
+        space = self.problem.system.state_space
+        apart = [space.difference(*pair) for pair in zip(coarse, fine, strict=True)]
+        return float(np.linalg.norm(np.array(space.weights(self.problem.error_length)) * np.array(apart)))
+
+    def _harden(self, programme: Transcription, optimum: Optimum) -> tuple[Transcription, Optimum]:
+        """From one softened objective to the next, as long as each is solved; the last solved one counts."""
+        for softening in self.harder:
+            if optimum.outcome is not Outcome.CONVERGED:
+                break
+            before, self.softening = self.softening, softening
+            plan = programme.unpack(optimum.x)
+            harder = self._optimise(plan, programme.steps, (programme, optimum))
+            if harder[1].outcome not in (Outcome.CONVERGED, Outcome.INTERRUPTED):
+                self.softening = before
+                break
+            programme, optimum = harder
+        return programme, optimum
+
+    def _refine(self, programme: Transcription, optimum: Optimum) -> tuple[Transcription, Optimum]:
+        """Doubles the steps of `steps_per_interval: auto` until the re-simulated end agrees with the NLP's."""
+        while self.solver.steps_per_interval is None and optimum.outcome is Outcome.CONVERGED:
+            plan = programme.unpack(optimum.x)
+            gap = self._resimulation_gap(plan.control, programme.steps)
+            self.details["resimulated_gap"] = gap
+            if gap <= RESIMULATION_SHARE * self.solver.tolerance or programme.steps >= MOST_STEPS:
+                break
+            programme, optimum = self._optimise(plan, 2 * programme.steps, (programme, optimum))
+        return programme, optimum
+
+    def _tighten(
+        self, programme: Transcription, optimum: Optimum, plan: Guess, motion: Motion
+    ) -> tuple[Transcription, Optimum, Guess, Motion]:
+        """Moves bounds inwards by what is broken between the nodes, and solves again."""
+        for _ in range(TIGHTENINGS):
+            if optimum.outcome is not Outcome.CONVERGED:
+                break
+            amounts = [b.passed(motion.trajectory[b.quantity], BETWEEN_NODES) for b in self.problem.bounds]
+            labels = {
+                bound.label
+                for bound, pair in zip(self.problem.bounds, amounts, strict=True)
+                if any(np.any(side) for side in pair)
+            }
+            if not labels:
+                break
+            tightened = [
+                bound.tightened(FURTHER * below, FURTHER * above)
+                for bound, (below, above) in zip(self.bounds, amounts, strict=True)
+            ]
+            if None in tightened:
+                self.warnings.append(
+                    f"{', '.join(sorted(labels))} holds at the nodes but not between them, and is too narrow to be "
+                    "tightened; use more intervals"
+                )
+                break
+            self.bounds = [bound for bound in tightened if bound]
+            self.details["tightened"] = sorted({*self.details.get("tightened", []), *labels})
+            programme, optimum = self._optimise(plan, programme.steps, (programme, optimum))
+            plan = programme.unpack(optimum.x)
+            motion = simulate(self.problem, plan.control)
+        return programme, optimum, plan, motion
+
+    # --- endings ------------------------------------------------------------------------------------------------
+
+    def _solution(
+        self, programme: Transcription, optimum: Optimum, plan: Guess, motion: Motion, seconds: float
+    ) -> Solution:
+        outcome = optimum.outcome
+        if outcome is Outcome.INFEASIBLE:
+            outcome = Outcome.STAGNATED  # a local word: it cannot know of other paths
+        met = self._meets(plan.control, programme.steps)
+        costates = programme.costates(optimum.x, optimum.multipliers)
+        self.details |= {
+            "status": optimum.status,
+            "feasible": bool(_excess(programme, optimum.constraints).max(initial=0.0) <= SLIGHT),
+            "one_side": self._one_side(plan.states),
+            "objective_value": self._objective(programme, optimum, motion),
+            "steps_per_interval": programme.steps,
+            "optimality": kkt_residuals(programme, optimum.x, optimum.multipliers),
+            "costates": costates.tolist() if costates is not None else None,
+        }
+        return Solution(
+            problem=self.problem,
+            solver=self.solver.name,
+            settings=self.solver.settings(),
+            tolerance=self.solver.tolerance,
+            outcome=outcome,
+            message=self._sentence(outcome, programme, optimum, self._objective(programme, optimum, motion)),
+            final_error=total_error(self.problem.tasks, met),
+            control=plan.control,
+            trajectory=motion.trajectory,
+            costs=motion.costs,
+            iterations=self.records,
+            evaluations=self.evaluations,
+            objective=self.problem.objective,
+            warnings=self.warnings,
+            timing={"build_s": self.build_seconds, "solve_s": seconds},
+            log="\n".join(self.logs),
+            details=self.details,
+        )
+
+    def _one_side(self, states: Array) -> bool:
+        """Whether no determinant that the equations divide by changes its sign from node to node: a step can jump."""
+        determinants = self.numeric.determinants(states)
+        return all(
+            bool(np.all(values * values[0] > 0))
+            for values in (determinants[name] for name in self.problem.system.breaking())
+        )
+
+    def _objective(self, programme: Transcription, optimum: Optimum, motion: Motion) -> float:
+        """The cost; of a softened one, what it stands for."""
+        softened = self.problem.objective == "path_length"
+        return motion.costs["path_length"] if softened else optimum.objective * programme.cost_unit
+
+    def _sentence(self, outcome: Outcome, programme: Transcription, optimum: Optimum, cost: float) -> str:
+        if outcome is Outcome.CONVERGED:
+            return f"{self.problem.objective} {cost:.6g} after {self.records[-1]['k']} iterations."
+        words = f"{self.optimizer.kind} ended with {optimum.status} after {self.records[-1]['k']} iterations"
+        if outcome is Outcome.NOT_FINITE:
+            return f"{words}. {self._undefined(programme, optimum)}. {outcome.advice}"
+        if outcome not in (Outcome.STAGNATED, Outcome.ITERATION_LIMIT, Outcome.DIVERGED):
+            return f"{words}. {outcome.advice}"
+        rows = programme.rows
+        broken, pressed = self._violated(programme, optimum), self._pressed(programme, optimum)
+        stated = [i for i in broken if rows[i].stated]
+        if stated:
+            words += f". Broken there: {self._listed(programme, optimum, stated)}"
+        elif broken:
+            words += f". The motion is torn there: {self._listed(programme, optimum, broken)}"
+        if pressed:
+            words += f". Held at their limits there: {self._listed(programme, optimum, pressed)}"
+        advice = "Try another control.initial or solvers.nlp.initial, or more intervals"
+        if names := dict.fromkeys(rows[i].name.partition("[")[0] for i in [*stated, *pressed]):
+            advice += f"; or loosen {', '.join(names)}"
+        if outcome is Outcome.ITERATION_LIMIT:
+            # where bounds stand in the way, more of the same is the last thing to try
+            advice = f"{advice}; or raise max_iterations" if names else f"Raise max_iterations. {advice}"
+        return f"{words}. {advice}."
+
+    def _listed(self, programme: Transcription, optimum: Optimum, places: list[int]) -> str:
+        """The first few rows in words: when, and by how much they are broken."""
+        excess = _excess(programme, optimum.constraints)
+        horizon = programme.unpack(optimum.x).control.horizon
+        found = []
+        for i in places[:3]:
+            row = programme.rows[i]
+            found.append(f"{row.name} at t={row.time * horizon:.4g}")
+            if excess[i] > SLIGHT:
+                found[-1] += f" by {excess[i] * row.unit:.3g}"
+        return "; ".join(found)
+
+    def _violated(self, programme: Transcription, optimum: Optimum) -> list[int]:
+        """Rows that do not hold, the stated ones first, most violated first."""
+        excess, rows = _excess(programme, optimum.constraints), programme.rows
+        places = [int(i) for i in np.flatnonzero(excess > SLIGHT)]
+        return sorted(places, key=lambda i: (not rows[i].stated, -excess[i]))
+
+    def _pressed(self, programme: Transcription, optimum: Optimum) -> list[int]:
+        """Stated rows that hold and are at their limit, the one of each name that pushes back most."""
+        values, force = optimum.constraints, np.abs(optimum.multipliers)
+        excess = _excess(programme, values)
+        slack = np.minimum(values - programme.lower, programme.upper - values)
+        near = slack <= AT_LIMIT * (1 + np.abs(values))
+        strongest: dict[str, int] = {}
+        for i in np.argsort(-force):
+            row = programme.rows[i]
+            if row.stated and excess[i] <= SLIGHT and (near[i] or force[i] > 1e-3 * force.max()):
+                strongest.setdefault(row.name, int(i))
+        return list(strongest.values())
+
+    def _undefined(self, programme: Transcription, optimum: Optimum) -> str:
+        """Which constraint is not a number, at which node."""
+        _, constraints = programme.functions["nlp"](optimum.x, [])
+        undefined = np.flatnonzero(~np.isfinite(np.array(constraints).ravel()))
+        if not undefined.size:
+            return "A derivative is not a number"
+        row = programme.rows[int(undefined[0])]
+        if row.name.startswith(("goal of", "via pose")):
+            return f"{row.name} is not a number: the path there is half a turn from it; try another control.initial"
+        divided = " or ".join(f"det {name.upper()}" for name in self.problem.system.breaking())
+        why = f"; {divided}, by which the equations divide, vanishes near it" if divided else ""
+        return f"{row.name} is not a number at share {row.time:.4g} of the horizon{why}"
+
+    def _without_optimum(self, error: NoGuessError, seconds: float) -> Solution:
+        """There was no guess to start from."""
+        zeros = np.zeros((self.problem.system.input_space.size, self.problem.basis.size))
+        control = Control(self.problem.basis, zeros, starting_horizon(self.problem))
+        motion = simulate(self.problem, control)
+        return Solution(
+            problem=self.problem,
+            solver=self.solver.name,
+            settings=self.solver.settings(),
+            tolerance=self.solver.tolerance,
+            outcome=error.outcome,
+            message=f"No guess to start from: {error.message}.",
+            final_error=float("nan"),
+            control=control,
+            trajectory=motion.trajectory,
+            costs=motion.costs,
+            objective=self.problem.objective,
+            timing={"build_s": seconds, "solve_s": 0.0},
+        )
+
+
+def carried(before: Transcription, optimum: Optimum, after: Transcription) -> Array:
+    """The multipliers of one programme for another: of the rows that both have; finer steps bring further ones."""
+    known = {
+        (row.name, round(row.time, 12)): value
+        for row, value in zip(before.rows, optimum.multipliers, strict=True)
+    }
+    return np.array([known.get((row.name, round(row.time, 12)), 0.0) for row in after.rows])
+
+
+def _excess(programme: Transcription, constraints: Array) -> Array:
+    """How far every constraint is outside its bounds; infinite where it is not a number."""
+    excess = np.maximum(programme.lower - constraints, constraints - programme.upper)
+    return np.where(np.isnan(excess), np.inf, np.maximum(excess, 0.0))

@@ -1,0 +1,75 @@
+"""Rows of an NLP that a task adds to one stage: a via pose at its own time, an output at the end."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+
+from nhpocp.arrays import Array
+from nhpocp.controls.basis import ControlBasis
+
+
+@dataclass(frozen=True)
+class TaskRows:
+    """Equations 0 = rows(w; p) of one stage's variables w, with parameters p."""
+
+    stage: int  # k, or the number of intervals for the last node
+    time: float  # share of the horizon
+    names: list[str]
+    w: ca.SX
+    p: ca.SX
+    rows: ca.SX
+    parameters: Array
+
+    @property
+    def size(self) -> int:
+        return len(self.names)
+
+    @cached_property
+    def value(self) -> ca.Function:
+        """(w, p) ↦ the rows."""
+        return ca.Function("meeting", [self.w, self.p], [ca.densify(self.rows)])
+
+    @cached_property
+    def jacobian(self) -> ca.Function:
+        """(w, p) ↦ their Jacobian, dense."""
+        return ca.Function("meeting_jac", [self.w, self.p], [ca.densify(ca.jacobian(self.rows, self.w))])
+
+    @cached_property
+    def hessian(self) -> ca.Function:
+        """(w, p, multipliers) ↦ the Hessian of multipliers · rows, dense."""
+        multipliers = ca.SX.sym("lam", self.size)
+        hessian = ca.hessian(ca.dot(multipliers, self.rows), self.w)[0]
+        return ca.Function("meeting_hess", [self.w, self.p, multipliers], [ca.densify(hessian)])
+
+
+def place(share: float, intervals: int) -> tuple[int, float]:
+    """The interval in which a share of the horizon lies, and where in it, in [0, 1); a node up to rounding is one."""
+    position = share * intervals
+    if abs(position - round(position)) < 1e-9 * intervals:
+        return round(position), 0.0
+    return int(position), position - int(position)
+
+
+def stage_times(offset: float, steps: int) -> Array:
+    """Start, middle and end of every step that leads to ``offset`` in an interval of ``steps``, the last cut short.
+
+    (2 n + 1,): shares of the interval; the end of one step is the start of the next.
+    """
+    whole = int(offset * steps + 1e-9)
+    knots = np.arange(whole + 1) / steps
+    if offset - knots[-1] > 1e-9:
+        knots = np.append(knots, offset)
+    return np.sort(np.concatenate([knots, 0.5 * (knots[:-1] + knots[1:])]))
+
+
+def basis_table(basis: ControlBasis, times: Sequence[float] | Array) -> Array:
+    """φ at shares of the horizon, the last seen from the left: what the steps of one interval need."""
+    table = basis.table(np.asarray(times), 1.0)
+    if len(times) > 1:
+        table[-1] = basis.table(np.asarray(times[-1:]), 1.0, "left")[0]
+    return table
