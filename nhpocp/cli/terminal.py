@@ -8,6 +8,7 @@ import json
 import os
 import re
 import sys
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -39,8 +40,17 @@ def open_streams() -> None:
 
 
 def say(text: str) -> None:
-    """A message for people, on standard error."""
-    click.echo(visible(text), err=True)
+    """A message for people, on standard error; where that takes none, what was asked for is done without."""
+    try:
+        click.echo(visible(text), err=True)
+    except OSError:
+        abandon(sys.stderr)
+
+
+def abandon(stream: Any) -> None:
+    """Nobody reads on, or the disk is full: Python shall not try once more at its end."""
+    with suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 def tell(text: str) -> None:
