@@ -29,9 +29,8 @@ from nhpocp.systems.system import System
 
 INSIDE = 1e-5  # of a limit: how far inside it a path is asked to stay
 FORGIVEN = 5e-4  # of a limit, half of what verification forgives: the play of a box with lo = hi
-FINE_STEPS = (
-    2000  # at least, and `FINER` times the solver's own, of the simulation that looks between the samples
-)
+# at least, and `FINER` times the solver's own, of the simulation that looks between the samples
+FINE_STEPS = 2000
 
 
 class PathRows:
