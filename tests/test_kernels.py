@@ -28,6 +28,7 @@ from nhpocp.flow.dynamics import Dynamics, dynamics
 from nhpocp.flow.end_point_map import DifferentiatedEndPointMap
 from nhpocp.flow.integrators import RungeKutta4
 from nhpocp.flow.runge_kutta import Ends, scheme
+from nhpocp.flow.tableau import CLASSICAL
 from nhpocp.problem import Horizon, PlanningProblem
 from nhpocp.problem_file import load_problem, parse_problem
 from nhpocp.problem_file.registry import SYSTEMS
@@ -262,7 +263,7 @@ def made_of(c_source, numbers) -> str:
     """The C text of either kind."""
     if numbers is shots:
         return c_source(transcribed(LINEAR, Interpreted()).interval.shot)
-    return c_source(scheme(dynamics(paper_problem().system)))
+    return c_source(scheme(dynamics(paper_problem().system), CLASSICAL))
 
 
 @KINDS
@@ -382,7 +383,7 @@ def test_auto_takes_the_kernel_of_sweeps_for_the_ends_of_many(cache, monkeypatch
     forget()
     led(eager, problem)
     np.testing.assert_allclose(led(eager, problem).derivatives, first.derivatives, atol=1e-12)
-    assert kernels._of_sweeps(scheme(dynamics(problem.system))).kernel is not None
+    assert kernels._of_sweeps(scheme(dynamics(problem.system), CLASSICAL)).kernel is not None
 
 
 @needs_compiler

@@ -290,7 +290,7 @@ def walked(rate: ca.Function, tableau: Tableau, sweep: Sweep) -> Array:
 
 
 @kept(most=16)
-def scheme(dynamics: Dynamics, tableau: Tableau = CLASSICAL) -> Scheme:
+def scheme(dynamics: Dynamics, tableau: Tableau) -> Scheme:
     """The `Scheme` of a right-hand side, made once."""
     return Scheme(dynamics, tableau)
 
