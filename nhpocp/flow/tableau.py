@@ -60,7 +60,7 @@ class Tableau:
 
         With ``slopes`` = [∂f/∂y, ∂f/∂u] at the points Y_i,
             κ_i = h (b_i c + Σ_{j>i} a_ji κ_j ∂f/∂y_j),    c ↦ c + Σ κ_i ∂f/∂y_i,    ∂/∂u_i = κ_i ∂f/∂u_i:
-        the transpose of the scheme itself, exact to rounding, [Hairer, Lubich, Wanner] VI.1.
+        the transpose of the scheme itself, exact to rounding, [Hager].
         """
         n, before, gradients = c.size2(), c, [ca.SX(0)] * self.seen
         through: list[ca.SX] = [ca.SX(0)] * self.stages
