@@ -302,7 +302,7 @@ def plot_axes(axes: Any, places: Array, found: Ellipsoid) -> None:
 def _component(label: str) -> str:
     """position[0] as the first component of the block's symbol."""
     name, _, place = label.rstrip("]").partition("[")
-    return symbol(name, int(place) if place else None)
+    return symbol(name, *([int(place)] if place else []))
 
 
 # --- files -----------------------------------------------------------------------------------------------------------

@@ -21,9 +21,12 @@ from markupsafe import Markup
 from nhpocp.comparison import Entry
 from nhpocp.errors import InvalidProblemError
 from nhpocp.solution import Solution
-from nhpocp.views import curves, drawing, plots, report_words
+from nhpocp.views import drawing, report_words
+from nhpocp.views.curves import as_data
 from nhpocp.views.finite_path import path_of
+from nhpocp.views.panels import crossing_words, panels
 from nhpocp.views.scene import drawn, scene
+from nhpocp.views.style import markup
 from nhpocp.whole import write_text
 
 TEMPLATE = "animation.html.jinja"
@@ -111,9 +114,9 @@ def _lead(runs: Sequence[Any], crossings: Sequence[float]) -> str:
 
 def run(solution: Solution, title: str, most: int) -> dict[str, Any]:
     """One solution's part of the page's data."""
-    shown, panels = scene(solution, most), curves.panels(solution, 4 * most)
+    shown, curves = scene(solution, most), as_data(panels(solution), 4 * most)
     system = solution.problem.system.model
-    alarms = [*plots.crossing_words(solution), *filter(None, [path_of(solution).words])]
+    alarms = [*crossing_words(solution), *filter(None, [path_of(solution).words])]
     if not solution.converged:
         alarms.append(f"This motion is not a verified solution: {solution.message}")
     return {
@@ -122,8 +125,8 @@ def run(solution: Solution, title: str, most: int) -> dict[str, Any]:
         "alarms": alarms,
         "description": f"The moving {system} of {title}, from start to goal; the curves give its numbers over time",
         "legend": _legend(solution),
-        "has_more": any(panel.get("more") for panel in panels),
-        "panels": panels,
+        "has_more": any(panel["more"] for panel in curves),
+        "panels": curves,
         **shown,
     }
 
@@ -150,7 +153,7 @@ def _legend(solution: Solution) -> list[tuple[str, str]]:
         if not {name, drawing.split_name(name)[0]} & gone or drawing.is_closed(np.asarray(line))
     }
     entries = drawing.legend_entries({**shown, "lines": lines})
-    return [(str(curves.markup(words)), look["color"]) for words, look in entries]
+    return [(str(markup(words)), look["color"]) for words, look in entries]
 
 
 def same_system(entries: Sequence[Entry]) -> bool:

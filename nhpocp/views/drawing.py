@@ -16,8 +16,8 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from nhpocp.arrays import Array
 from nhpocp.solution import Solution
 from nhpocp.systems.system import System
-from nhpocp.views.finite_path import Path, path_of, quantity
-from nhpocp.views.style import COLOURS, GREY, line_style, symbol, with_unit
+from nhpocp.views.finite_path import FinitePath, path_of, quantity
+from nhpocp.views.style import COLOURS, GREY, axis_label, line_style, symbol, unit_words
 
 ELEVATION, AZIMUTH = 20.0, -62.0  # degrees
 SPACE = ("$x$", "$y$", "$z$")
@@ -47,7 +47,7 @@ def poses_of(solution: Solution) -> list[Pose]:
     ]
 
 
-def states_of(solution: Solution, path: Path) -> Array:
+def states_of(solution: Solution, path: FinitePath) -> Array:
     """The packed points of a path, (samples, size)."""
     names = solution.problem.system.state_space.names
     return np.hstack([quantity(solution, name, path) for name in names])
@@ -61,7 +61,7 @@ def goal_pose(solution: Solution) -> Pose | None:
     return Pose("goal", system.drawing(problem.goal_point))
 
 
-def path_points(solution: Solution, path: Path) -> Array:
+def path_points(solution: Solution, path: FinitePath) -> Array:
     """Where the moving body goes, (samples, 3 or 2): the drawing's trace, else the state's first vector of lengths."""
     system = solution.problem.system
     first = system.drawing(solution.problem.start_point)
@@ -88,7 +88,7 @@ def dimension(drawn: Mapping[str, Any]) -> int:
 def axis_names(system: System, numbers: int) -> list[str]:
     """x, y, z, with the unit of a state that has lengths."""
     lengths = any(block.unit == "length" for block in system.state_space.blocks)
-    return [with_unit(name, "length" if lengths else "") for name in SPACE[:numbers]]
+    return [axis_label("", name, unit_words("length") if lengths else "") for name in SPACE[:numbers]]
 
 
 def extent(*drawings: Mapping[str, Any], points: Array) -> tuple[Array, Array]:
