@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
 from nhpocp.comparison import Entry
@@ -24,6 +23,7 @@ from nhpocp.solution import Solution
 from nhpocp.views import drawing, report_words
 from nhpocp.views.curves import as_data
 from nhpocp.views.finite_path import path_of
+from nhpocp.views.page import filled
 from nhpocp.views.panels import crossing_words, panels
 from nhpocp.views.scene import drawn, scene
 from nhpocp.views.style import markup
@@ -86,16 +86,10 @@ def render(entries: Sequence[Entry]) -> str:
     horizon = max(path_of(entry.solution).times[-1] for entry in entries)
     data = {"horizon": float(horizon), "runs": runs}
     _one_box(entries, runs)
-    environment = Environment(
-        loader=FileSystemLoader(Path(__file__).parent),
-        autoescape=True,  # names and messages are users' words
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     times = sorted({crossing["t"] for run in runs for crossing in run["crossings"]})
     text = json.dumps(data, allow_nan=False, ensure_ascii=False, separators=(",", ":"))
-    return environment.get_template(TEMPLATE).render(
+    return filled(
+        TEMPLATE,
         title=f"Motion: {', '.join(problems)}",
         lead=_lead(runs, times),
         data=data,
@@ -134,13 +128,13 @@ def run(solution: Solution, title: str, most: int) -> dict[str, Any]:
 def _words(solution: Solution) -> Markup:
     """The system, the ending, the verified error and the cost of a run, on a line."""
     system, number = solution.problem.system, report_words.number
-    label = system.input_label()
     words = Markup("{}: {}").format(system.model, solution.outcome.value.replace("_", " "))
     if solution.verdict and solution.verdict.error is not None:
         words += Markup(", verified error <i>E</i> = {}").format(number(solution.verdict.error, 3))
     cost = Markup(", ∫|{}|² d<i>t</i> = {}")
-    control = label if isinstance(label, str) else "control"
-    return words + cost.format(control, number(solution.control.effort, 5))
+    return words + cost.format(
+        report_words.control_symbol(solution.problem), number(solution.control.effort, 5)
+    )
 
 
 def _legend(solution: Solution) -> list[tuple[str, str]]:

@@ -77,14 +77,14 @@ class PanelView {
   }
 
   levels(low, high) {
-    const found = [];
+    const marks = [];
     if (this.panel.log) {
-      for (let k = Math.ceil(Math.log10(low)); Math.pow(10, k) <= high; k++) found.push(Math.pow(10, k));
-      return found.length > 1 ? found : [low, high];
+      for (let k = Math.ceil(Math.log10(low)); Math.pow(10, k) <= high; k++) marks.push(Math.pow(10, k));
+      return marks.length > 1 ? marks : [low, high];
     }
     const step = niceStep(high - low, 4.5);
-    for (let v = Math.ceil(low / step - 1e-9) * step; v <= high + 1e-9 * step; v += step) found.push(Math.abs(v) < 1e-9 * step ? 0 : v);
-    return found;
+    for (let v = Math.ceil(low / step - 1e-9) * step; v <= high + 1e-9 * step; v += step) marks.push(Math.abs(v) < 1e-9 * step ? 0 : v);
+    return marks;
   }
 
   path(curve) {

@@ -128,7 +128,7 @@ def add_view(
 
 
 def set_view(axes: Any, low: Array, high: Array, names: Sequence[str], zoom: float = 1.0) -> None:
-    """The same scale on the three axes, few ticks, quiet walls."""
+    """One scale on all three axes, few ticks, quiet walls."""
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
     axes.set_box_aspect(high - low, zoom=zoom)
     axes.set_proj_type("ortho")
@@ -164,19 +164,19 @@ def is_closed(line: Array) -> bool:
 
 def kinds_of(lines: Mapping[str, Array]) -> dict[str, float]:
     """Kinds of the open lines with their mean length, the longest first; equal ones, up to rounding, as they came."""
-    found: dict[str, list[float]] = {}
+    sizes: dict[str, list[float]] = {}
     for name, line in lines.items():
         if not is_closed(line):
-            found.setdefault(split_name(name)[0], []).append(
+            sizes.setdefault(split_name(name)[0], []).append(
                 float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum())
             )
-    means = {kind: float(f"{np.mean(sizes):.6g}") for kind, sizes in found.items()}
+    means = {kind: float(f"{np.mean(some):.6g}") for kind, some in sizes.items()}
     return dict(sorted(means.items(), key=lambda item: -item[1]))
 
 
 def split_name(name: str) -> tuple[str, int | None]:
-    found = re.fullmatch(r"(.*?)\s+(\d+)", name)
-    return (found[1], int(found[2]) - 1) if found else (name, None)
+    numbered = re.fullmatch(r"(.*?)\s+(\d+)", name)
+    return (numbered[1], int(numbered[2]) - 1) if numbered else (name, None)
 
 
 def plot_robot(axes: Any, drawing: Mapping[str, Any], *, ghost: bool = False) -> None:

@@ -58,7 +58,7 @@ def failure(solution: Solution) -> Figure:
 
 
 def _title(solution: Solution) -> str:
-    return re.sub(r" ([sw])$", lambda found: found[0].upper(), solution.outcome.value.replace("_", " "))
+    return re.sub(r" ([sw])$", lambda letter: letter[0].upper(), solution.outcome.value.replace("_", " "))
 
 
 def _short(solution: Solution) -> str:

@@ -57,11 +57,12 @@ def overlays(entries: Sequence[Entry], names: Sequence[str]) -> list[Overlay]:
             motions.append(_Motion(entry.solution, name, i, path, panels(entry.solution)))
     if not motions:
         return []
+    turned = any(block.kind == "rotation" for block in motions[0].solution.problem.system.state_space.blocks)
     with sheet():
         every = [
             _over_time(motions, "controls", "Controls", CONTROLS, "control"),
-            _over_time(motions, "legs", "Legs", LEGS, "leg"),
-            _over_time(motions, "relative_pose", "Relative pose", RELATIVE, "error"),
+            _over_time(motions, "legs", "Legs", LEGS, "leg", 0),
+            _over_time(motions, "relative_pose", "Relative pose", RELATIVE + ROTATIONS * turned, "error"),
             _path(motions) or _plain_path(motions),
             _over_time(motions, "margins", "Singularity margins", MARGINS, "margin", 2),
             _convergence(motions),
@@ -73,9 +74,10 @@ CONTROLS = Markup(
     "The control of every run over time; jumps of piecewise constant controls are drawn as jumps."
 )
 LEGS = Markup("Lengths and speeds of the legs of every run over time, speeds where they are no controls.")
-RELATIVE = Markup(
-    "The path relative to the goal: zero at the end is the goal reached. Rotations by the rotation vector <i>r</i> of "
-    "<i>R</i>&#8239;<i>R</i><sub>d</sub><sup>T</sup>, undefined at a half turn (red)."
+RELATIVE = Markup("The path relative to the goal: zero at the end is the goal reached.")
+ROTATIONS = Markup(
+    " Rotations by the rotation vector <i>r</i> of <i>R</i>&#8239;<i>R</i><sub>d</sub><sup>T</sup>, undefined at a "
+    "half turn (red)."
 )
 MARGINS = Markup(
     "Least singular values along the path, rotation columns divided by the length scale: zero is a singularity. "
@@ -97,12 +99,11 @@ def _legend(figure: Figure, motions: Sequence[_Motion], place: str = "outside up
 def _over_time(
     motions: Sequence[_Motion], name: str, title: str, caption: Markup, group: str, columns: int = 3
 ) -> Overlay | None:
-    """Axes for every curve of the panels of a group, with that curve of every run."""
+    """Axes for every curve of the panels of a group, with that curve of every run; 0 columns: as the panel has curves."""
     shown = [(panel, i) for panel in of_group(motions[0].panels, group) for i in range(len(panel.curves))]
     if not shown:
         return None
-    columns = 4 if len(shown[0][0].curves) > 3 else columns
-    columns = min(columns, len(shown))
+    columns = min(columns or min(len(shown[0][0].curves), 4), len(shown))
     figure, grid = axes_grid(len(shown), columns, (WIDTH / columns, HEIGHT), 0.3)
     last = max(motion.path.horizon for motion in motions)
     for axes, (panel, i) in zip(grid, shown, strict=True):

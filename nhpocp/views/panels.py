@@ -129,25 +129,20 @@ def merged(some: Sequence[Panel]) -> Panel:
 # --- curves -----------------------------------------------------------------------------------------------------------
 
 
-def _curves(solution: Solution, name: str, times: Array, values: Array) -> list[Curve]:
-    """A curve per component of a quantity, (samples, components)."""
-    system, shape = solution.problem.system, np.shape(solution.trajectory.get(name, ()))[1:]
-    bounds, curves = [bound for bound in solution.problem.bounds if bound.quantity == name], []
-    for place, column in zip(np.ndindex(*shape), values.T, strict=False):
-        _, label, unit = notation(system, name, *place)
-        limits = {limit for bound in bounds for limit in bound.limits(place) if np.isfinite(limit)}
-        curves.append(Curve(name, label, unit, times, column, tuple(sorted(limits))))
-    return curves
+def _curves(solution: Solution, names: Iterable[str], times: Array, values: Array) -> tuple[Curve, ...]:
+    """A curve per component of quantities that lie side by side in values (samples, components)."""
+    problem, columns, curves = solution.problem, iter(values.T), []
+    for name in names:
+        bounds = [bound for bound in problem.bounds if bound.quantity == name]
+        for place in np.ndindex(*np.shape(solution.trajectory[name])[1:]):
+            _, label, unit = notation(problem.system, name, *place)
+            limits = {limit for bound in bounds for limit in bound.limits(place) if np.isfinite(limit)}
+            curves.append(Curve(name, label, unit, times, next(columns), tuple(sorted(limits))))
+    return tuple(curves)
 
 
-def _of_blocks(
-    solution: Solution, blocks: Iterable[Block], times: Array, values: Sequence[Array]
-) -> list[Curve]:
-    return [
-        curve
-        for block, columns in zip(blocks, values, strict=True)
-        for curve in _curves(solution, block.name, times, columns)
-    ]
+def _beside(solution: Solution, names: Iterable[str], path: FinitePath) -> Array:
+    return np.hstack([np.empty((path.samples, 0)), *(quantity(solution, name, path) for name in names)])
 
 
 def _stems(blocks: Iterable[Block]) -> str:
@@ -163,14 +158,10 @@ def _via_marks(solution: Solution) -> tuple[Mark, ...]:
 
 def _controls(solution: Solution, path: FinitePath) -> list[Panel]:
     """Every input. [Paper] Fig. 2."""
-    blocks = solution.problem.system.input_space.blocks
-    if not blocks:
-        return []
-    columns = [quantity(solution, block.name, path) for block in blocks]
-    times, values = with_jumps(solution, path.times, np.hstack(columns))
-    parts = np.split(values, np.cumsum([part.shape[1] for part in columns])[:-1], axis=1)
-    curves = _of_blocks(solution, blocks, times, parts)
-    return [Panel("control", "controls", "control", _stems(blocks), tuple(curves))]
+    space = solution.problem.system.input_space
+    names = [name for name in space.names if name in solution.trajectory]
+    curves = _curves(solution, names, *with_jumps(solution, path.times, _beside(solution, names, path)))
+    return [Panel("control", "controls", "control", _stems(space.blocks), curves)]
 
 
 def with_jumps(solution: Solution, times: Array, values: Array) -> tuple[Array, Array]:
@@ -197,7 +188,7 @@ def _outputs(solution: Solution, path: FinitePath) -> list[Panel]:
     for name in solution.trajectory:
         if name in known or name.startswith(("sigma_", "det_")):
             continue
-        curves = tuple(_curves(solution, name, path.times, quantity(solution, name, path)))
+        curves = _curves(solution, [name], path.times, quantity(solution, name, path))
         group = "leg" if name in LEGS and "leg_lengths" in solution.trajectory else "output"
         shape, words = np.shape(solution.trajectory[name])[1:], notation(system, name).words
         if len(shape) < 2:
@@ -216,12 +207,12 @@ def _states(solution: Solution, path: FinitePath) -> list[Panel]:
     """The numbers of the state, a panel a unit; rotations are told by their errors."""
     groups: dict[str, list[Block]] = {}
     for block in solution.problem.system.state_space.blocks:
-        if block.kind != "rotation":
+        if block.kind != "rotation" and block.name in solution.trajectory:
             groups.setdefault(block.unit, []).append(block)
     every = []
     for unit, blocks in groups.items():
-        values = [quantity(solution, block.name, path) for block in blocks]
-        curves = tuple(_of_blocks(solution, blocks, path.times, values))
+        names = [block.name for block in blocks]
+        curves = _curves(solution, names, path.times, _beside(solution, names, path))
         every.append(Panel("state", f"state {unit}", "state", _stems(blocks), curves, _via_marks(solution)))
     return every
 
@@ -323,22 +314,21 @@ def _branch_changes(rotation_vectors: Array) -> Array:
 
 def _margins(solution: Solution, path: FinitePath) -> list[Panel]:
     """Least singular values, and the determinants by their size at the start, with the zeros that the path crosses."""
-    curves, determinants = [], []
-    for name in solution.trajectory:
-        values = quantity(solution, name, path)
-        if name.startswith("sigma_"):
-            curves += _curves(solution, name, path.times, values)
-        elif name.startswith("det_"):
-            first = abs(values[0, 0]) if values.size else 0.0
-            ratio = values[:, 0] / first if first > 0 else values[:, 0]
-            determinants.append(Curve(name, symbol(name), "–", path.times, ratio))
+    names = [name for name in solution.trajectory if name.startswith("sigma_")]
+    curves = _curves(solution, names, path.times, _beside(solution, names, path))
+    determinants = []
+    for name in [name for name in solution.trajectory if name.startswith("det_")]:
+        values = np.ravel(quantity(solution, name, path))
+        first = np.abs(values[:1])
+        values = values / first if np.all(first > 0) and len(first) else values
+        determinants.append(Curve(name, symbol(name), "–", path.times, values))
     marks = tuple(
         Mark(time, f"{symbol(which)[:-1]} = 0$", which.replace("det_", "sigma_"))
         for which, times in crossing_times(solution).items()
         for time in times
     )
     return [
-        Panel("margin", "margins", "least singular value", r"$\sigma_{\min}$", tuple(curves), marks),
+        Panel("margin", "margins", "least singular value", r"$\sigma_{\min}$", curves, marks),
         Panel(
             "determinant",
             "determinants",

@@ -27,9 +27,9 @@ Part = dict[str, Any]
 
 def drawn(system: System, state: Array) -> Mapping[str, Any]:
     """A system's drawing; for one that draws nothing its first numbers as a point, or its body's axes."""
-    found = system.drawing(state)
-    if found["lines"] or found["points"] or found.get("solids"):
-        return found
+    own = system.drawing(state)
+    if own["lines"] or own["points"] or own.get("solids"):
+        return own
     values = system.state_space.unpack(state)
     plain = [np.ravel(values[block.name]) for block in system.state_space.blocks if block.kind != "rotation"]
     if plain:
@@ -98,7 +98,7 @@ def _plain(values: Array) -> list[Any]:
 
 
 def _held(points: Array) -> Array:
-    """The same points; where one is not finite, the last one that was."""
+    """Points, where one is not finite the last one that was."""
     finite = np.isfinite(points).all(axis=1)
     if not finite.any():
         return np.zeros_like(points)
@@ -155,7 +155,7 @@ def _ball(frames: list[Mapping[str, Any]], name: str) -> Part:
     centres = _along(frames, lambda frame: frame["solids"][name]["centre"])
     turned = _along(frames, lambda frame: frame["solids"][name]["rotation"])
     rows = max(len(centres), len(turned))
-    centre, axes = (np.broadcast_to(found, (rows, *found.shape[1:])) for found in (centres, turned))
+    centre, axes = (np.broadcast_to(some, (rows, *some.shape[1:])) for some in (centres, turned))
     values = np.concatenate([centre[:, None], axes.transpose(0, 2, 1)], axis=1)
     return {"kind": "ball", "colour": PLAIN, "values": values}
 
