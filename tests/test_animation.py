@@ -90,6 +90,7 @@ def test_every_panel_says_its_units():
     robot = titles(two())
     assert robot["u"] == "leg speed u [length per unit time]"
     assert robot["joint_angles 1"] == "joint angle θ₁ [rad]"
+    assert robot["platform_normal"] == "platform normal"
     assert {"joint_angles 2", "joint_angles 3"} < set(robot)
     for name, unit in (
         ("controls", "rad per unit time"),

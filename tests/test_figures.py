@@ -536,7 +536,7 @@ def test_what_was_never_tried_shows_its_two_ends() -> None:
     ("name", "index", "expected"),
     [
         ("v", 0, "$v_{1}$"),
-        ("position", 2, "$p_{3}$"),
+        ("p", 2, "$p_{3}$"),
         ("u1", None, "$u_{1}$"),
         ("theta0_dot", None, r"$\dot{\theta}_{0}$"),
         ("omega_z", None, r"$\omega_{z}$"),

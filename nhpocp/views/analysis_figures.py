@@ -16,6 +16,8 @@ from nhpocp.analysis import Analysis
 from nhpocp.analysis.agility import Ellipsoid
 from nhpocp.analysis.slices import Coordinate, SingularityMap, coordinates
 from nhpocp.arrays import Array
+from nhpocp.systems.margins import det, margin
+from nhpocp.systems.system import System
 from nhpocp.views.figures import write_all
 from nhpocp.views.plots import margin_axis, time_axis
 from nhpocp.views.style import (
@@ -28,6 +30,7 @@ from nhpocp.views.style import (
     axis_label,
     legend_above,
     line_style,
+    notation,
     say,
     styled,
     symbol,
@@ -190,15 +193,17 @@ def along_guess(analysis: Analysis) -> Figure:
     label = rf"$\sigma_{{{rank}}}/\sigma_1$ of the brackets up to degree {degree}"
     axes.plot(path.times, np.maximum(path.bracket_margin, floor), label=label, **line_style(0))
     seen = [np.maximum(path.bracket_margin, floor)]
-    for i, name in enumerate([name for name in path.margins if name.startswith("sigma_")], 1):
-        which = name.replace("sigma_", "det_")
-        zeros = [crossing.time for crossing in path.crossings if crossing.which == which]
+    for i, own in enumerate(
+        [own for name in path.margins if (own := margin(name)) and own.kind == "sigma"], 1
+    ):
+        zero = det(own.matrix)
+        zeros = [crossing.time for crossing in path.crossings if crossing.which == zero.name]
         places = np.searchsorted(path.times, zeros)  # the samples go past the zeros
-        times, values = np.insert(path.times, places, zeros), np.insert(path.margins[name], places, 0.0)
+        times, values = np.insert(path.times, places, zeros), np.insert(path.margins[own.name], places, 0.0)
         seen.append(np.maximum(values, floor))
-        axes.plot(times, seen[-1], label=symbol(name), **line_style(i))
+        axes.plot(times, seen[-1], label=f"${own.symbol}$", **line_style(i))
         if zeros:
-            axes.plot(zeros, np.full(len(zeros), floor), label=f"{symbol(which)[:-1]} = 0$", **ZERO)
+            axes.plot(zeros, np.full(len(zeros), floor), label=f"${zero.symbol} = 0$", **ZERO)
     if path.irregular:
         vectors = {str(path.growth[i].vector) for i in path.irregular}
         words = f"growth vector {' or '.join(sorted(vectors))}"
@@ -223,7 +228,7 @@ def agility(analysis: Analysis) -> Figure:
     ellipsoid = analysis.end_point.agility
     places = np.arange(1, len(ellipsoid.semi_axes) + 1)
     plot_semi_axes(left, places, ellipsoid)
-    plot_axes(right, places, ellipsoid)
+    plot_axes(right, places, analysis.problem.system, ellipsoid)
     return figure
 
 
@@ -246,7 +251,7 @@ def _times_ten(value: float) -> str:
     return rf"${mantissa}\cdot 10^{{{int(exponent)}}}$" if exponent else f"${mantissa}$"
 
 
-def plot_axes(axes: Any, places: Array, ellipsoid: Ellipsoid) -> None:
+def plot_axes(axes: Any, places: Array, system: System, ellipsoid: Ellipsoid) -> None:
     """The components of each axis, a column an axis."""
     shown = ellipsoid.axes * np.sign(
         ellipsoid.axes[np.abs(ellipsoid.axes).argmax(axis=0), range(len(places))]
@@ -259,7 +264,7 @@ def plot_axes(axes: Any, places: Array, ellipsoid: Ellipsoid) -> None:
         aspect="auto",
         extent=(0.5, len(places) + 0.5, len(places) + 0.5, 0.5),
     )
-    labels = [_component(label) for label in ellipsoid.labels]
+    labels = [_component(system, label) for label in ellipsoid.labels]
     axes.set(xticks=places, yticks=places, yticklabels=labels, xlabel="principal axis")
     axes.set_title("its direction in tangent coordinates", loc="left")
     axes.grid(visible=False)
@@ -268,10 +273,10 @@ def plot_axes(axes: Any, places: Array, ellipsoid: Ellipsoid) -> None:
     bar.outline.set_linewidth(0.4)
 
 
-def _component(label: str) -> str:
+def _component(system: System, label: str) -> str:
     """position[0] as the first component of the block's symbol."""
     name, _, place = label.rstrip("]").partition("[")
-    return symbol(name, *([int(place)] if place else []))
+    return notation(system, name, *([int(place)] if place else [])).symbol
 
 
 # --- files -----------------------------------------------------------------------------------------------------------

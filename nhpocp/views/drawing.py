@@ -257,19 +257,16 @@ def plot_path(axes: Any, points: Array, **line: Any) -> None:
 
 
 def plot_curves(
-    figure: Any, curves: Sequence[Array], names: Sequence[str], labels: Sequence[str | None]
-) -> None:
-    """Curves of one, two or three numbers against each other, at equal scale; one number against the sample."""
+    figure: Any, curves: Sequence[Array], names: Sequence[str], looks: Sequence[Mapping[str, Any]]
+) -> Any:
+    """Curves of one, two or three numbers against each other, at one scale; one number against the sample."""
     columns = curves[0].shape[1]
     if columns == 3:
-        axes = add_view(figure, (0.02, 0.06, 0.88, 0.84), *extent(points=np.concatenate(curves)), names)
+        axes = add_view(figure, (0.02, 0.06, 0.88, 0.84), *extent(points=np.concatenate(curves)), names, 0.95)
     else:
         axes = figure.add_axes((0.18, 0.14, 0.76, 0.76))
         axes.set(xlabel=names[0], ylabel=names[1] if columns == 2 else "")
-        if columns == 2:
-            axes.set_aspect("equal", adjustable="datalim")
-    for i, (curve, label) in enumerate(zip(curves, labels, strict=True)):
-        drawn = curve if columns > 1 else np.c_[curve, np.arange(len(curve))]
-        plot_path(axes, drawn, label=label, **(line_style(i) if label else {}))
-    if any(labels):
-        figure.legend(loc="lower center", ncols=len(labels))
+        axes.set_aspect("equal" if columns == 2 else "auto", adjustable="datalim")
+    for curve, look in zip(curves, looks, strict=True):
+        plot_path(axes, curve if columns > 1 else np.c_[curve, np.arange(len(curve))], **look)
+    return axes

@@ -15,6 +15,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from nhpocp.arrays import Array
 from nhpocp.constraints import BoundReport, check_bounds
 from nhpocp.solution import Outcome, Solution
+from nhpocp.systems.margins import margin
 from nhpocp.systems.numeric import NumericSystem
 from nhpocp.views import plots
 from nhpocp.views.finite_path import path_of
@@ -91,7 +92,7 @@ def _of_path(solution: Solution) -> list[_Plot]:
 def margin_names(solution: Solution) -> list[str]:
     """What the records say of singularities; of an optimizer, how far its conditions are from being met."""
     there = list(dict.fromkeys(name for record in solution.iterations for name in record))
-    names = [name for name in there if name.startswith("sigma_")] or ["dual_infeasibility"]
+    names = [name for name in there if margin(name)] or ["dual_infeasibility"]
     return [name for name in names if np.isfinite(column(solution.iterations, name)).any()]
 
 
@@ -148,7 +149,7 @@ def plot_record_margins(axes: Any, solution: Solution) -> None:
     """Least singular values of every evaluation: of the end point's Jacobian, and of S and W along its path."""
     names = margin_names(solution)
     table = np.stack([column(solution.iterations, name) for name in names])
-    sigma = names[0].startswith("sigma_")
+    sigma = margin(names[0]) is not None
     floor = LEAST * np.nanmax(table)
     drawn = np.maximum(table, floor) if sigma else positive(table)
     for i, (name, values) in enumerate(zip(names, drawn, strict=True)):
@@ -205,9 +206,9 @@ def plot_broken(axes: Any, solution: Solution, report: BoundReport) -> None:
 
 
 def _bound_words(solution: Solution, report: BoundReport) -> str:
-    unit = notation(solution.problem.system, report.bound.quantity).unit
+    _, mathtext, unit = notation(solution.problem.system, report.bound.quantity)
     words = report.bound.label.partition(".")[0].replace("_", " ")
-    return axis_label(words, symbol(report.bound.quantity), unit)
+    return axis_label(words, mathtext, unit)
 
 
 def _flat(solution: Solution, report: BoundReport) -> int:

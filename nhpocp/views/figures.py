@@ -18,9 +18,9 @@ from nhpocp.solution import Outcome, Solution
 from nhpocp.views import drawing, plots
 from nhpocp.views import failure as failures
 from nhpocp.views.finite_path import path_of, quantity
-from nhpocp.views.panels import Panel, crossing_words, merged, of_group, panels
+from nhpocp.views.panels import Panel, crossing_words, margins_of, merged, of_group, panels
 from nhpocp.views.records import error_history
-from nhpocp.views.style import COLOURS, GREY, PANEL, axes_grid, axis_label, say, sheet, styled
+from nhpocp.views.style import COLOURS, GREY, PANEL, axes_grid, axis_label, line_style, say, sheet, styled
 from nhpocp.whole import write_files
 
 
@@ -113,13 +113,14 @@ def _bare_path(solution: Solution) -> Figure:
     if states:
         curves = merged(states).curves[:3]
         names = [axis_label("", curve.symbol, curve.unit) for curve in curves]
-        drawing.plot_curves(figure, [np.column_stack([curve.values for curve in curves])], names, [None])
+        drawing.plot_curves(figure, [np.column_stack([curve.values for curve in curves])], names, [{}])
     else:
         turned = quantity(solution, solution.problem.system.state_space.blocks[0].name, path)
         tips = [turned.reshape(-1, 3, 3)[:, :, i] for i in range(3)]
-        drawing.plot_curves(
-            figure, tips, ["$x$", "$y$", "$z$"], ["tip of the body's $x$", "of $y$", "of $z$"]
-        )
+        words = ("tip of the body's $x$", "of $y$", "of $z$")
+        looks = [{"label": label, **line_style(i)} for i, label in enumerate(words)]
+        drawing.plot_curves(figure, tips, drawing.SPACE, looks)
+        figure.legend(loc="lower center", ncols=3)
     say(figure, [path.words])
     return figure
 
@@ -143,7 +144,7 @@ FIGURES: dict[str, Callable[[Solution], Figure]] = {
 def names_of(solution: Solution) -> list[str]:
     """The pictures that say something of a solution: what converged has no failure, what nothing watches no margins."""
     silent = {"failure"} if solution.outcome is Outcome.CONVERGED else set()
-    if not any(name.startswith("sigma_") for name in solution.trajectory):
+    if not margins_of(solution, "sigma"):
         silent.add("margins")
     return [name for name in FIGURES if name not in silent]
 

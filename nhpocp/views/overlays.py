@@ -99,7 +99,7 @@ def _legend(figure: Figure, motions: Sequence[_Motion], place: str = "outside up
 def _over_time(
     motions: Sequence[_Motion], name: str, title: str, caption: Markup, group: str, columns: int = 3
 ) -> Overlay | None:
-    """Axes for every curve of the panels of a group, with that curve of every run; 0 columns: as the panel has curves."""
+    """Axes for every curve of the panels of a group, with that curve of every run; 0 columns: as many as curves."""
     shown = [(panel, i) for panel in of_group(motions[0].panels, group) for i in range(len(panel.curves))]
     if not shown:
         return None
@@ -183,14 +183,7 @@ def _plain_path(motions: Sequence[_Motion]) -> Overlay | None:
         return None
     curves = [np.column_stack([curve.values for curve in own]) for own in shown]
     figure = Figure(figsize=(WIDTH, 3.4))
-    axes: Any = figure.add_axes((0.1, 0.13, 0.86, 0.74), projection="3d" if len(names) == 3 else None)
-    if len(names) == 3:
-        drawing.set_view(axes, *drawing.extent(points=np.concatenate(curves)), names, zoom=0.85)
-    else:
-        axes.set(xlabel=names[0], ylabel=names[1])
-        axes.set_aspect("equal", adjustable="datalim")
-    for points, motion in zip(curves, motions, strict=True):
-        drawing.plot_path(axes, points, **motion.look)
+    drawing.plot_curves(figure, curves, names, [motion.look for motion in motions])
     _legend(figure, motions, "upper left")
     caption = Markup(
         "The first numbers of the state against each other, from the open to the full dot, at one scale."

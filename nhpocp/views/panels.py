@@ -16,8 +16,10 @@ from nhpocp.arrays import Array
 from nhpocp.errors import OrientationAtPiError
 from nhpocp.solution import Solution
 from nhpocp.state_space import Block
+from nhpocp.systems.margins import Margin, margin
+from nhpocp.systems.system import System
 from nhpocp.views.finite_path import FinitePath, path_of, quantity
-from nhpocp.views.style import LEGS, axis_label, notation, symbol
+from nhpocp.views.style import LEGS, axis_label, notation, symbol, unit_words
 
 SPREAD = 30.0  # of the least value to the largest, from which an axis is logarithmic
 HALF_TURN = "half turn: no unique axis"
@@ -145,9 +147,9 @@ def _beside(solution: Solution, names: Iterable[str], path: FinitePath) -> Array
     return np.hstack([np.empty((path.samples, 0)), *(quantity(solution, name, path) for name in names)])
 
 
-def _stems(blocks: Iterable[Block]) -> str:
-    """The symbols of blocks, in an axis' words."""
-    stems = list(dict.fromkeys(symbol(block.name) for block in blocks))
+def _stems(system: System, names: Iterable[str]) -> str:
+    """The symbols of quantities, in an axis' words."""
+    stems = list(dict.fromkeys(notation(system, name).symbol for name in names))
     return ", ".join(stems) if len(stems) <= 3 else f"{stems[0]}, …, {stems[-1]}"
 
 
@@ -161,7 +163,7 @@ def _controls(solution: Solution, path: FinitePath) -> list[Panel]:
     space = solution.problem.system.input_space
     names = [name for name in space.names if name in solution.trajectory]
     curves = _curves(solution, names, *with_jumps(solution, path.times, _beside(solution, names, path)))
-    return [Panel("control", "controls", "control", _stems(space.blocks), curves)]
+    return [Panel("control", "controls", "control", _stems(solution.problem.system, space.names), curves)]
 
 
 def with_jumps(solution: Solution, times: Array, values: Array) -> tuple[Array, Array]:
@@ -185,18 +187,29 @@ def _outputs(solution: Solution, path: FinitePath) -> list[Panel]:
     """What is neither time, state, input nor margin, as the system names it; a table has a panel a row."""
     system, every = solution.problem.system, []
     known = {"t", *system.state_space.names, *system.input_space.names}
+    wrapping = {block.name for block in system.output_blocks or () if block.wraps}
     for name in solution.trajectory:
-        if name in known or name.startswith(("sigma_", "det_")):
+        if name in known or margin(name):
             continue
-        curves = _curves(solution, [name], path.times, quantity(solution, name, path))
+        values = quantity(solution, name, path)
+        if name in wrapping:  # no line where an angle is cut
+            steps = np.abs(np.diff(values, axis=0, prepend=values[:1]))
+            values = np.where(np.nan_to_num(steps) > np.pi, np.nan, values)
+        curves = _curves(solution, [name], path.times, values)
         group = "leg" if name in LEGS and "leg_lengths" in solution.trajectory else "output"
         shape, words = np.shape(solution.trajectory[name])[1:], notation(system, name).words
         if len(shape) < 2:
-            every.append(Panel(group, name, words, symbol(name), curves))
+            every.append(Panel(group, name, words, notation(system, name).symbol, curves))
             continue
         width = shape[-1]
         every += [
-            Panel(group, f"{name} {i + 1}", words, symbol(name, *row), curves[i * width : (i + 1) * width])
+            Panel(
+                group,
+                f"{name} {i + 1}",
+                words,
+                notation(system, name, *row).symbol,
+                curves[i * width : (i + 1) * width],
+            )
             for i, row in enumerate(np.ndindex(*shape[:-1]))
         ]
     legs = [panel for name in LEGS for panel in every if panel.name == name and panel.group == "leg"]
@@ -213,7 +226,8 @@ def _states(solution: Solution, path: FinitePath) -> list[Panel]:
     for unit, blocks in groups.items():
         names = [block.name for block in blocks]
         curves = _curves(solution, names, path.times, _beside(solution, names, path))
-        every.append(Panel("state", f"state {unit}", "state", _stems(blocks), curves, _via_marks(solution)))
+        stems = _stems(solution.problem.system, names)
+        every.append(Panel("state", f"state {unit}", "state", stems, curves, _via_marks(solution)))
     return every
 
 
@@ -222,20 +236,17 @@ def _states(solution: Solution, path: FinitePath) -> list[Panel]:
 
 def _errors(solution: Solution, path: FinitePath) -> list[Panel]:
     """The path relative to the goal: zero at the end is the goal reached. [Paper] section 4 and Fig. 3."""
-    every = []
+    every, system = [], solution.problem.system
     for blocks in _goal_groups(solution):
         curves, marks = [], [*_via_marks(solution)]
         for block in blocks:
-            values, unit = (
-                relative_values(solution, block),
-                notation(solution.problem.system, block.name).unit,
-            )
+            values, unit = relative_values(solution, block), notation(system, block.name).unit
             if block.kind in ("rotation", "direction"):
                 marks += [Mark(time, HALF_TURN) for time in half_turns(path.times, values)]
-                values, symbols = _broken(values), ["$r_1$", "$r_2$", "$r_3$"]
+                values, symbols, unit = _broken(values), ["$r_1$", "$r_2$", "$r_3$"], unit_words(block.unit)
             else:
                 places = [()] if block.kind == "scalar" else [(i,) for i in range(block.components)]
-                symbols = [_error_symbol(symbol(block.name, *place)) for place in places]
+                symbols = [_error_symbol(notation(system, block.name, *place).symbol) for place in places]
             shown = zip(symbols, values.T, strict=False)
             curves += [Curve(f"error {block.name}", name, unit, path.times, column) for name, column in shown]
         words, all_of_them = _error_words(solution, blocks)
@@ -314,31 +325,38 @@ def _branch_changes(rotation_vectors: Array) -> Array:
 
 def _margins(solution: Solution, path: FinitePath) -> list[Panel]:
     """Least singular values, and the determinants by their size at the start, with the zeros that the path crosses."""
-    names = [name for name in solution.trajectory if name.startswith("sigma_")]
+    names = [own.name for own in margins_of(solution, "sigma")]
     curves = _curves(solution, names, path.times, _beside(solution, names, path))
     determinants = []
-    for name in [name for name in solution.trajectory if name.startswith("det_")]:
-        values = np.ravel(quantity(solution, name, path))
+    for own in margins_of(solution, "det"):
+        values = np.ravel(quantity(solution, own.name, path))
         first = np.abs(values[:1])
         values = values / first if np.all(first > 0) and len(first) else values
-        determinants.append(Curve(name, symbol(name), "–", path.times, values))
-    marks = tuple(
-        Mark(time, f"{symbol(which)[:-1]} = 0$", which.replace("det_", "sigma_"))
-        for which, times in crossing_times(solution).items()
-        for time in times
-    )
+        determinants.append(Curve(own.name, symbol(own.name), "–", path.times, values))
+    crossed = [(margin(which), time) for which, times in crossing_times(solution).items() for time in times]
+    marks = {
+        kind: tuple(
+            Mark(time, f"${own.symbol} = 0$", Margin(kind, own.matrix).name) for own, time in crossed if own
+        )
+        for kind in ("sigma", "det")
+    }
     return [
-        Panel("margin", "margins", "least singular value", r"$\sigma_{\min}$", curves, marks),
+        Panel("margin", "margins", "least singular value", r"$\sigma_{\min}$", curves, marks["sigma"]),
         Panel(
             "determinant",
             "determinants",
             "determinant, its size at the start being 1",
             "",
             tuple(determinants),
-            tuple(replace(mark, curve=mark.curve.replace("sigma_", "det_")) for mark in marks),
+            marks["det"],
             zero=True,
         ),
     ]
+
+
+def margins_of(solution: Solution, kind: str) -> list[Margin]:
+    """The margins of one kind, sigma or det, that a trajectory has."""
+    return [own for name in solution.trajectory if (own := margin(name)) and own.kind == kind]
 
 
 def crossing_times(solution: Solution) -> dict[str, list[float]]:
@@ -349,13 +367,12 @@ def crossing_times(solution: Solution) -> dict[str, list[float]]:
             times.setdefault(crossing.which, []).append(float(crossing.time))
         return times
     path = path_of(solution)
-    for name in solution.trajectory:
-        if name.startswith("det_"):
-            values = np.ravel(quantity(solution, name, path))
-            for k in np.flatnonzero(values[:-1] * values[1:] < 0):
-                fraction = values[k] / (values[k] - values[k + 1])
-                time = path.times[k] + fraction * (path.times[k + 1] - path.times[k])
-                times.setdefault(name, []).append(float(time))
+    for own in margins_of(solution, "det"):
+        values = np.ravel(quantity(solution, own.name, path))
+        for k in np.flatnonzero(values[:-1] * values[1:] < 0):
+            fraction = values[k] / (values[k] - values[k + 1])
+            time = path.times[k] + fraction * (path.times[k + 1] - path.times[k])
+            times.setdefault(own.name, []).append(float(time))
     return times
 
 

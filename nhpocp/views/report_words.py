@@ -13,6 +13,7 @@ from nhpocp import so3
 from nhpocp.comparison import Entry, Group
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Outcome
+from nhpocp.systems.margins import margin
 
 METHODS = {"jacobian": "Jacobian method", "nlp": "NLP"}
 MISSING = "–"
@@ -344,7 +345,7 @@ def limits(group: Group) -> list[Markup]:
     which = Markup("; ").join(Markup("{}: {}").format(space, _listed(who)) for space, who in spaces.items())
     differing = [Markup("{} ({})").format(given(value), ", ".join(who)) for value, who in tolerances.items()]
     sampled = any(
-        name.startswith(("sigma_", "leg_")) for solution in solutions for name in solution.trajectory
+        margin(name) or name.startswith("leg_") for solution in solutions for name in solution.trajectory
     )
     sentences = [
         (len(spaces) > 1, SPACES.format(which, shared)),

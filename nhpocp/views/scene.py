@@ -88,7 +88,7 @@ def _crossing(which: str, time: float, times: Array, trace: Array | None) -> dic
     """A change of sign of a determinant, with the place on the trace where it happens."""
     words = f"{which.removeprefix('det_').upper()}"
     point = None if trace is None else [float(np.interp(time, times, column)) for column in trace.T]
-    return {"words": f"det {words} = 0", "t": time, "point": point, "margin": which.replace("det_", "sigma_")}
+    return {"words": f"det {words} = 0", "t": time, "point": point}
 
 
 def _plain(values: Array) -> list[Any]:

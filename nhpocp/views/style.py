@@ -19,7 +19,8 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from nhpocp.state_space import Unit
+from nhpocp.state_space import Unit, scalar
+from nhpocp.systems.margins import margin, sigma
 from nhpocp.systems.system import System
 
 PANEL = (3.5, 2.6)  # inches: one column of a journal
@@ -134,16 +135,9 @@ def trial_style(count: int) -> dict[str, Any]:
 
 # --- symbols and units ------------------------------------------------------------------------------------------------
 
-_LETTERS = {"position": "p", "orientation": "R", "leg_lengths": "l", "joint_angles": r"\theta"}
-_WORDS = {"position": "position", "leg_lengths": "leg length"}
+_WORDS = {"position": "position", "leg_lengths": "leg length", "joint_angles": "joint angle"}
 LEGS = ("leg_lengths", "u")  # the quantities of legs
-_OF_LEGGED: dict[
-    str, tuple[str, Unit, bool]
-] = {  # outputs that no block describes: words, unit, whether a rate
-    "u": ("leg speed", "length", True),
-    "v": ("angular velocity", "angle", True),
-    "joint_angles": ("joint angle", "angle", False),
-}
+_RATES_OF_LEGGED = {"u": "leg speed", "v": "angular velocity"}
 _UNITS = {"length": "length", "angle": "rad", "": ""}
 _GREEK = dict(
     zip(
@@ -168,16 +162,19 @@ class Notation(NamedTuple):
 
 def notation(system: System, name: str, *place: int) -> Notation:
     """Words, symbol and unit of an entry of a system's trajectories; ``place`` picks a component."""
-    inputs = {block.name: block.unit for block in system.input_space.blocks}
-    others = {block.name: block.unit for block in (*system.state_space.blocks, *system.pose_outputs)}
-    if name in inputs:
-        return Notation("control", symbol(name, *place), unit_words(inputs[name], rate=True))
-    if name.startswith("sigma_"):
+    blocks = {block.name: block for block in (*system.state_space.blocks, *(system.output_blocks or ()))}
+    inputs = {block.name: block for block in system.input_space.blocks}
+    if margin(name):
         return Notation("least singular value", symbol(name), "–")
-    words, unit, rate = _WORDS.get(name, ""), others.get(name, ""), False
-    if "leg_lengths" in others and name not in others:
-        words, unit, rate = _OF_LEGGED.get(name, (words, unit, rate))
-    return Notation(words, symbol(name, *place), unit_words(unit, rate))
+    block = inputs.get(name) or blocks.get(name) or scalar(name)
+    # the numbers of a unit vector are none of its angle
+    unit = "" if block.kind == "direction" else unit_words(block.unit, block.rate or name in inputs)
+    words = _WORDS.get(name, "")
+    if name in inputs:
+        words = "control"
+    elif "leg_lengths" in blocks:
+        words = _RATES_OF_LEGGED.get(name, words)
+    return Notation(words, symbol(block.symbol or name, *place), unit)
 
 
 def unit_words(unit: Unit, rate: bool = False) -> str:
@@ -193,11 +190,9 @@ def axis_label(words: str, mathtext: str, unit: str) -> str:
 
 def symbol(name: str, *place: int) -> str:
     r"""Mathematics for a name: theta0_dot → $\dot{\theta}_0$, (v, 0) → $v_1$, det_s → $\det\,S$; long words stay."""
-    for prefix, form in (("sigma_", r"$\sigma_{{\min}}({})$"), ("det_", r"$\det\,{}$")):
-        if name.startswith(prefix):
-            matrix = name.removeprefix(prefix)
-            return form.format("J" if matrix == "jacobian" else matrix.upper())
-    parts = re.fullmatch(r"(.*?)(\d*)(_[a-z])?(_dot)?", _LETTERS.get(name, name))
+    if known := margin(name):
+        return f"${known.symbol if known.matrix != 'jacobian' else sigma('j').symbol}$"
+    parts = re.fullmatch(r"(.*?)(\d*)(_[a-z])?(_dot)?", name)
     stem, number, axis, dot = parts.groups() if parts else (name, "", None, None)
     indices = [number + (axis or "").lstrip("_"), *(str(index + 1) for index in place)]
     below = ",".join(index for index in indices if index)
