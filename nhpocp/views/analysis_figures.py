@@ -205,8 +205,8 @@ def along_guess(analysis: Analysis) -> Figure:
         if zeros:
             axes.plot(zeros, np.full(len(zeros), floor), label=f"${zero.symbol} = 0$", **ZERO)
     if path.irregular:
-        vectors = {str(path.growth[i].vector) for i in path.irregular}
-        words = f"growth vector {' or '.join(sorted(vectors))}"
+        vectors = sorted({str(path.growth[i].vector) for i in path.irregular})
+        words = f"growth vector {' or '.join(vectors if len(vectors) < 4 else [*vectors[:2], 'others'])}"
         axes.plot(path.times[path.irregular], np.full(len(path.irregular), floor), label=words, **CROSSING)
     time_axis(axes, path.times[-1], path.times[-1])
     axes.set_ylabel("least singular value [–]")
