@@ -56,4 +56,4 @@ def _curve(curve: Curve, place: int, most: int, own_unit: bool) -> dict[str, Any
 
 def _dash(dashes: Any) -> str:
     """Matplotlib's dashes as SVG has them, for lines a little thicker."""
-    return "" if dashes == "-" else " ".join(f"{1.3 * length:.3g}" for length in dashes[1])
+    return "" if dashes == "-" else " ".join(f"{1.5 * length:.3g}" for length in dashes[1])

@@ -168,12 +168,12 @@ def _controls(solution: Solution, path: FinitePath) -> list[Panel]:
 
 def with_jumps(solution: Solution, times: Array, values: Array) -> tuple[Array, Array]:
     """Samples with both one-sided values put in wherever the control jumps."""
-    if not len(times) or values.shape[1] != solution.problem.system.input_space.size:
+    if not values.size or values.shape[1] != solution.problem.system.input_space.size:
         return times, values
     breaks = np.ravel(np.asarray(solution.control.breakpoints, dtype=float))
     breaks = breaks[(breaks > times[0]) & (breaks < times[-1])]
     left, right = solution.control(breaks, "left"), solution.control(breaks, "right")
-    jumps = np.abs(left - right).max(axis=1, initial=0.0) > 1e-9 * (1 + np.abs(values).max())
+    jumps = np.abs(left - right).max(axis=1) > 1e-9 * (1 + np.abs(values).max())
     breaks, left, right = breaks[jumps], left[jumps], right[jumps]
     if not len(breaks):
         return times, values
@@ -197,21 +197,11 @@ def _outputs(solution: Solution, path: FinitePath) -> list[Panel]:
             values = np.where(np.nan_to_num(steps) > np.pi, np.nan, values)
         curves = _curves(solution, [name], path.times, values)
         group = "leg" if name in LEGS and "leg_lengths" in solution.trajectory else "output"
-        shape, words = np.shape(solution.trajectory[name])[1:], notation(system, name).words
-        if len(shape) < 2:
-            every.append(Panel(group, name, words, notation(system, name).symbol, curves))
-            continue
-        width = shape[-1]
-        every += [
-            Panel(
-                group,
-                f"{name} {i + 1}",
-                words,
-                notation(system, name, *row).symbol,
-                curves[i * width : (i + 1) * width],
-            )
-            for i, row in enumerate(np.ndindex(*shape[:-1]))
-        ]
+        shape = np.shape(solution.trajectory[name])[1:]
+        for i, row in enumerate(np.ndindex(*shape[:-1])):
+            own, (words, stem, _) = f"{name} {i + 1}" if row else name, notation(system, name, *row)
+            width = shape[-1] if row else len(curves)
+            every.append(Panel(group, own, words, stem, curves[i * width : (i + 1) * width]))
     legs = [panel for name in LEGS for panel in every if panel.name == name and panel.group == "leg"]
     return legs + [panel for panel in every if panel.group != "leg"]
 
@@ -260,7 +250,7 @@ def _goal_groups(solution: Solution) -> list[list[Block]]:
     groups: dict[str, list[Block]] = {}
     system = solution.problem.system
     for block in (*system.state_space.blocks, *system.pose_outputs):
-        if block.name in solution.problem.goal:
+        if block.name in solution.problem.goal and block.name in solution.trajectory:
             key = f"scalars {block.unit}" if block.kind == "scalar" else f"block {block.name}"
             groups.setdefault(key, []).append(block)
     return list(groups.values())
@@ -302,10 +292,8 @@ def relative_values(solution: Solution, block: Block) -> Array:
 
 def half_turns(times: Array, rotation_vectors: Array) -> Array:
     """Times at which the rotation vector is undefined or jumps to its other branch."""
-    undefined, jumps = (
-        np.isnan(rotation_vectors).any(axis=1),
-        np.flatnonzero(_branch_changes(rotation_vectors)),
-    )
+    undefined = np.isnan(rotation_vectors).any(axis=1)
+    jumps = np.flatnonzero(_branch_changes(rotation_vectors))
     return np.unique(np.concatenate([times[undefined], 0.5 * (times[jumps] + times[jumps + 1])]))
 
 

@@ -21,31 +21,28 @@ MISSING = "–"
 
 def number(value: Any, digits: int = 4) -> Markup:
     """A number for reading: few digits, a true minus, powers of ten written out."""
-    if value is None or (isinstance(value, float) and not math.isfinite(value)):
-        return Markup(MISSING)
     if isinstance(value, bool | str):
         return Markup.escape(value if isinstance(value, str) else "yes" if value else "no")
     if isinstance(value, int):
-        return Markup(f"{value}".replace("-", "−"))
-    if value == 0:
-        return Markup("0")
-    if 1e-3 <= abs(value) < 1e6:
-        places = max(0, digits - 1 - math.floor(math.log10(abs(value))))
-        return Markup(f"{value:.{places}f}".replace("-", "−"))
-    mantissa, exponent = f"{value:.{min(digits, 3) - 1}e}".split("e")
-    power = str(int(exponent)).replace("-", "−")
-    return Markup(f"{mantissa.replace('-', '−')}&#8239;·&#8239;10<sup>{power}</sup>")
+        return _written(str(value))
+    if value is None or not math.isfinite(value):
+        return Markup(MISSING)
+    if value and not 1e-3 <= abs(value) < 1e6:
+        return _written(f"{value:.{min(digits, 3) - 1}e}")
+    return _written(f"{value:.{max(0, digits - 1 - math.floor(math.log10(abs(value))))}f}" if value else "0")
 
 
 def given(value: float | None) -> Markup:
     """A number that somebody chose, with the digits that it was given."""
-    if value is None or not math.isfinite(value):
-        return Markup(MISSING)
-    mantissa, mark, exponent = f"{value:g}".replace("-", "−").partition("e")
-    if not mark:
-        return Markup(mantissa)
-    power = Markup("10<sup>{}</sup>").format(str(int(exponent.replace("−", "-"))).replace("-", "−"))
-    return power if mantissa == "1" else Markup("{}&#8239;·&#8239;{}").format(mantissa, power)
+    words = _written(f"{value:g}") if value is not None and math.isfinite(value) else Markup(MISSING)
+    return Markup(words.removeprefix("1&#8239;·&#8239;"))
+
+
+def _written(digits: str) -> Markup:
+    """A number's digits as HTML."""
+    mantissa, mark, exponent = digits.partition("e")
+    power = f"&#8239;·&#8239;10<sup>{int(exponent)}</sup>" if mark else ""
+    return Markup((mantissa + power).replace("-", "−"))
 
 
 def percent(value: float | None) -> Markup:

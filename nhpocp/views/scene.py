@@ -17,6 +17,7 @@ from nhpocp.views import drawing
 from nhpocp.views.drawing import FILLS, is_closed, kinds_of, open_line_style, split_name
 from nhpocp.views.finite_path import path_of, thinned
 from nhpocp.views.panels import crossing_times
+from nhpocp.views.style import plain_words, symbol
 
 PLAIN, DARK = "#e8ebef", "#4b5563"  # of balls and of bars that have no line's colour
 TUBE = 0.62  # of the least length of a bar that extends
@@ -71,24 +72,25 @@ def scene(solution: Solution, most: int) -> dict[str, Any]:
         "parts": parts,
         "trace": None if trace is None else trace.round(max(grain, 0)).tolist(),
         "ghosts": ghosts,
-        "crossings": [_crossing(which, t, times, trace) for which, t in _crossings(solution)],
+        "crossings": _crossings(solution, times, trace),
         "low": low.tolist(),
         "high": high.tolist(),
         "axes": [name.replace("$", "") for name in drawing.axis_names(system, len(low))],
     }
 
 
-def _crossings(solution: Solution) -> list[tuple[str, float]]:
-    return sorted(
-        ((which, t) for which, times in crossing_times(solution).items() for t in times), key=lambda c: c[1]
-    )
-
-
-def _crossing(which: str, time: float, times: Array, trace: Array | None) -> dict[str, Any]:
-    """A change of sign of a determinant, with the place on the trace where it happens."""
-    words = f"{which.removeprefix('det_').upper()}"
-    point = None if trace is None else [float(np.interp(time, times, column)) for column in trace.T]
-    return {"words": f"det {words} = 0", "t": time, "point": point}
+def _crossings(solution: Solution, times: Array, trace: Array | None) -> list[dict[str, Any]]:
+    """Changes of sign of determinants in the order of time, each with the place on the trace where it happens."""
+    every = sorted((t, which) for which, zeros in crossing_times(solution).items() for t in zeros)
+    columns = None if trace is None else trace.T
+    return [
+        {
+            "words": plain_words(f"{symbol(which)} = 0"),
+            "t": t,
+            "point": None if columns is None else [float(np.interp(t, times, column)) for column in columns],
+        }
+        for t, which in every
+    ]
 
 
 def _plain(values: Array) -> list[Any]:

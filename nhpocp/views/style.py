@@ -212,10 +212,12 @@ def markup(label: str) -> Markup:
 
 def _formula(mathtext: str) -> Markup:
     text = re.sub(r"\\math\w+\{(\w+)\}", r"\1", str(escape(mathtext)))
-    text = re.sub(r"\\dot\{([^}]*)\}", "\\1\N{COMBINING DOT ABOVE}", text).replace(r"\,", " ")
-    text = re.sub(r"\\([a-z]+)", lambda command: _GREEK.get(command[1], command[1]), text).replace(
-        " - ", " − "
+    text = (
+        re.sub(r"\\dot\{([^}]*)\}", "\\1\N{COMBINING DOT ABOVE}", text)
+        .replace(r"\,", " ")
+        .replace(" - ", " − ")
     )
+    text = re.sub(r"\\([a-z]+)", lambda command: _GREEK.get(command[1], command[1]), text)
     # letters on their own are variables; min, det and log are not
     text = re.sub(r"(?<![A-Za-z&])[A-Za-zα-ω]\N{COMBINING DOT ABOVE}?(?![A-Za-z])", r"<i>\g<0></i>", text)
     for mark, tag in (("_", "sub"), ("^", "sup")):
