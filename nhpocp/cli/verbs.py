@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,7 +12,7 @@ import click
 from nhpocp.cli.options import json_option, load, set_option
 from nhpocp.cli.progress import progress
 from nhpocp.cli.summary import comparison_lines, report, task
-from nhpocp.cli.terminal import error_data, put, say, tell, verdict_lines
+from nhpocp.cli.terminal import error_data, put, say, tell, verdict_lines, visible
 from nhpocp.errors import InvalidProblemError
 
 if TYPE_CHECKING:
@@ -138,7 +137,6 @@ def verify(folder: Path, as_json: bool) -> int:
 @json_option
 def check(files: tuple[Path, ...], overrides: tuple[str, ...], as_json: bool) -> int:
     """Validate problem files; solve nothing."""
-    gc.disable()  # a short life: collecting garbage would take a tenth of it
     from nhpocp.problem_file import read
 
     found, failures = [], []
@@ -163,7 +161,6 @@ def check(files: tuple[Path, ...], overrides: tuple[str, ...], as_json: bool) ->
             put({**error_data(failures[0]), "files": found})
         else:
             put(found[0] if len(found) == 1 else {"files": found})
-    gc.freeze()  # nor is it worth collecting at the end: a quarter of the time of `check`
     return BAD_INPUT if failures else SOLVED
 
 
@@ -337,7 +334,9 @@ def _compared(
         missing.extend(warning for warning in written.warnings if warning not in solution.warnings)
         if not quiet:
             # above the progress, which takes what `print` writes, and not what `click.echo` does
-            print(f"{run.problem.name} by {run.variant}: {solution.outcome.value}  {solution.message}")
+            print(
+                visible(f"{run.problem.name} by {run.variant}: {solution.outcome.value}  {solution.message}")
+            )
         return folder
 
     tasks = {problem.name: task(file, overrides) for problem, file in zip(problems, files, strict=True)}

@@ -28,6 +28,7 @@ from nhpocp.problem_file.numbers import (
     Positive,
     Samples,
     Share,
+    Size,
     Whole,
     describe,
     parse_number,
@@ -195,8 +196,8 @@ class ProblemData(Strict):
     objective: Literal["effort", "leg_effort", "path_length", "time"] = Field(
         default="effort", description="effort ∫|control|², leg_effort ∫|u|², path_length, time"
     )
-    error_length: Positive = Field(default=1.0, description="length that counts as much as one radian in E")
-    length_scale: Positive | None = Field(
+    error_length: Size = Field(default=1.0, description="length that counts as much as one radian in E")
+    length_scale: Size | None = Field(
         default=None,
         description="divides the rotation columns of S and W; default: the mechanism's own length, else error_length",
     )
