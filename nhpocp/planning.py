@@ -168,10 +168,10 @@ def _opposite_signs(problem: PlanningProblem, numeric: NumericSystem, ends: Arra
         first, last = determinants[name]
         if first * last < 0 and numeric.sigmas(ends, problem.scale)[name].min() > ON_THE_SURFACE:
             sentences[name] = f"det {name.upper()} is {first:.3g} at the start and {last:.3g} at the goal"
-    found = "; ".join(sentences.values())
-    if found and (actuated := system.actuated()) and not set(sentences) & set(actuated[0].separating()):
-        found += ", which eq. (7) cannot cross; `form: original` may"
-    return found
+    sentence = "; ".join(sentences.values())
+    if sentence and (actuated := system.actuated()) and not set(sentences) & set(actuated[0].separating()):
+        sentence += ", which eq. (7) cannot cross; `form: original` may"
+    return sentence
 
 
 def _refused(problem: PlanningProblem, solver: Solver, outcome: Outcome, message: str) -> Solution:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -87,8 +88,8 @@ class Direction:
         return fraction * self.step, fraction * self.image
 
 
-class GeneralizedInverse(Protocol):
-    """J, e ↦ δλ with J δλ ≈ -e. Subclass it: most inverses take the metric that is given."""
+class GeneralizedInverse(ABC):
+    """J, e ↦ δλ with J δλ ≈ -e; most inverses take the metric that is given."""
 
     kind: ClassVar[str]
     looks_along: ClassVar[bool] = False  # whether `metric` is asked
@@ -97,6 +98,7 @@ class GeneralizedInverse(Protocol):
         """The factor, as of a `Metric`, of an inverse that measures δλ by what it does to the whole path; else None."""
         return None
 
+    @abstractmethod
     def __call__(self, jacobian: Array, residual: Array, coordinates: Coordinates) -> Direction: ...
 
 

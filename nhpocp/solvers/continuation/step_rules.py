@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from math import inf, log, log1p
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -18,19 +19,19 @@ from nhpocp.solvers.continuation.trust_region import LEAST_GAIN, Number, TrustRe
 Evaluate = Callable[[Array, float], Evaluation]
 
 
-class StepRule(Protocol):
+class StepRule(ABC):
     """The updates of one continuation."""
 
     kind: ClassVar[str]
     evaluations: ClassVar[int] = 1  # that an update takes; trials that are refused count besides
 
+    @abstractmethod
     def updates(self, here: Evaluation, evaluate: Evaluate) -> Iterator[Evaluation]:
         """Yields every control that becomes the current one; may evaluate others between. Ends if it is at a loss."""
-        ...
 
+    @abstractmethod
     def settings(self) -> dict[str, Any]:
         """The rule's own settings under the problem file's names."""
-        ...
 
     def updates_left(self, error: float, tolerance: float) -> float | None:
         """How many updates the theory foretells until the error is below the tolerance; None where it is silent."""
