@@ -19,10 +19,11 @@ from nhpocp.interruption import Interruption
 from nhpocp.objectives import SOFTENINGS
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Outcome, Progress, Solution
-from nhpocp.solvers.nlp.guesses import GuessMaker, NoGuessError, make_guess, meets, starting_horizon
+from nhpocp.solvers.nlp.guesses import GuessMaker, NoGuessError, make_guess, meets
 from nhpocp.solvers.nlp.kkt_residuals import kkt_residuals
 from nhpocp.solvers.nlp.optimizers import Look, Optimizer, Optimum, failed
 from nhpocp.solvers.nlp.transcription import Guess, Transcription
+from nhpocp.solvers.unsolved import unsolved
 from nhpocp.systems.numeric import numeric_system
 from nhpocp.task import total_error
 
@@ -387,23 +388,8 @@ class Run:
 
     def _without_optimum(self, error: NoGuessError, seconds: float) -> Solution:
         """There was no guess to start from."""
-        zeros = np.zeros((self.problem.system.input_space.size, self.problem.basis.size))
-        control = Control(self.problem.basis, zeros, starting_horizon(self.problem))
-        motion = simulate(self.problem, control)
-        return Solution(
-            problem=self.problem,
-            solver=self.solver.name,
-            settings=self.solver.settings(),
-            tolerance=self.solver.tolerance,
-            outcome=error.outcome,
-            message=f"No guess to start from: {error.message}.",
-            final_error=float("nan"),
-            control=control,
-            trajectory=motion.trajectory,
-            costs=motion.costs,
-            objective=self.problem.objective,
-            timing={"build_s": seconds, "solve_s": 0.0},
-        )
+        sentence = f"No guess to start from: {error.message}."
+        return unsolved(self.problem, self.solver, error.outcome, sentence, build_seconds=seconds)
 
 
 def carried(before: Transcription, optimum: Optimum, after: Transcription) -> Array:
