@@ -1,16 +1,17 @@
-"""What can be said of a problem before it is solved: bounds that exclude each other, costs that have no least."""
+"""What can be said of a problem before it is solved: poses that break bounds, bounds that exclude each other, costs
+that have no least."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from nhpocp.arrays import Array
-from nhpocp.constraints import Bound
+from nhpocp.constraints import Bound, BoundReport, check_bounds
 from nhpocp.problem import PlanningProblem
-from nhpocp.systems.numeric import numeric_system
 
 FORGIVEN = 2e-3  # of its size: by how much each bound is widened first, twice what verification forgives
 AFFINE = 1e-9  # relative
@@ -25,6 +26,46 @@ class _Sides:
     b: Array
     lower: Array
     upper: Array
+
+
+def broken_poses(problem: PlanningProblem) -> Iterator[tuple[str, BoundReport]]:
+    """Poses with the bounds that they break themselves, whatever the control; of every bound its worst component.
+
+    A pose is named "start", "goal" or "via[0]".
+    """
+    poses = {"start": problem.start, "goal": problem.goal}
+    poses |= {f"via[{i}]": via.goal for i, via in enumerate(problem.via)}
+    for place, pose in poses.items():
+        values = {**_of_the_pose(problem, pose), **pose}
+        bounds = [bound for bound in problem.bounds if bound.quantity in values]
+        batch = {name: np.asarray(value, dtype=float)[None] for name, value in values.items()}
+        for report in check_bounds(bounds, np.zeros(1), batch):
+            if not report.ok:
+                yield place, report
+
+
+def _of_the_pose(problem: PlanningProblem, pose: Mapping[str, Any]) -> dict[str, Array]:
+    """The bounded outputs and margins of a whole pose, as far as no control changes them."""
+    system, space = problem.system, problem.system.state_space
+    if not set(space.names) <= set(pose):
+        return {}
+    point, inputs = np.asarray(space.pack(pose)), system.input_space.size
+    wanted = {bound.quantity for bound in problem.bounds} - {*space.names, *system.input_space.names}
+    values: dict[str, Array] = {}
+    matrices = system.regularity(point) if any(name.startswith("sigma_") for name in wanted) else {}
+    for name, matrix in matrices.items():
+        scaled = matrix / system.column_scales(name, problem.scale)
+        least = np.linalg.svd(scaled, compute_uv=False)[-1] if np.isfinite(scaled).all() else np.nan
+        values[f"sigma_{name}"] = least
+    for name in wanted - {f"sigma_{matrix}" for matrix in matrices}:
+        try:
+            with np.errstate(all="ignore"):
+                still, moving = (system.output(name, point, np.full(inputs, u)) for u in (0.0, 1.0))
+        except np.linalg.LinAlgError:  # a singular pose has no such output
+            continue
+        if np.array_equal(still, moving):
+            values[name] = np.squeeze(still)
+    return values
 
 
 def contradiction(problem: PlanningProblem) -> str:
@@ -78,6 +119,8 @@ def endless(problem: PlanningProblem) -> str:
 
 def _asked_of_the_control(problem: PlanningProblem, point: Array) -> list[_Sides]:
     """What the bounds ask of the control at a pose, as far as their quantities are affine in it."""
+    from nhpocp.systems.numeric import numeric_system  # and CasADi, which `check` does without
+
     if not problem.bounds or not problem.system.input_space.size:
         return []
     inputs = problem.scales.inputs

@@ -10,14 +10,13 @@ import errno
 import os
 import re
 import stat
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path as FilePath
 from typing import Any, BinaryIO
 
 from nhpocp.errors import InvalidProblemError
-from nhpocp.problem_file.issues import Path
 
 LARGEST_FILE = 1_000_000  # bytes
 LARGEST_TREE = 50_000  # keys and values, aliases expanded: two seconds
@@ -47,20 +46,20 @@ class Mark:
 
 @dataclass(frozen=True)
 class Document:
-    """Plain data, and a mark for every key (marks[path][0]) and value (marks[path][1])."""
+    """Plain data, and a mark for every key and value by its dotted path."""
 
     data: Any
     text: str
-    marks: dict[Path, tuple[Mark | None, Mark]]
+    marks: dict[str, tuple[Mark | None, Mark]]  # of the key, of the value
     aliases: bool = False  # the text uses anchors
 
-    def locate(self, path: Path, at_key: bool = False) -> Mark | None:
+    def locate(self, path: str, at_key: bool = False) -> Mark | None:
         """The mark of a path, or of the nearest thing above it that stands in the text."""
-        found = self.marks.get(path)
-        if found is not None:
-            return (found[0] if at_key else None) or found[1]
+        if path in self.marks:
+            key, value = self.marks[path]
+            return (key if at_key else None) or value
         while path:
-            path = path[:-1]
+            path = path[: max(path.rfind("."), path.rfind("["), 0)]
             if path in self.marks:
                 key, value = self.marks[path]
                 return key or value
@@ -163,8 +162,8 @@ def parse(text: str, file: str | None = None) -> Document:
         raise InvalidProblemError(
             "the file is empty; expected a problem such as `nhpocp init` writes", file=file, line=1, column=1
         )
-    marks: dict[Path, tuple[Mark | None, Mark]] = {}
-    return Document(_plain(root, (), None, marks), text, marks, composer.aliases)
+    marks: dict[str, tuple[Mark | None, Mark]] = {}
+    return Document(_plain(root, "", None, marks), text, marks, composer.aliases)
 
 
 def _events(text: str, file: str | None) -> Iterator[Any]:
@@ -311,10 +310,19 @@ def resolve(text: str) -> Any:
     return text
 
 
-def _plain(node: _Node, path: Path, key: Mark | None, marks: dict[Path, tuple[Mark | None, Mark]]) -> Any:
+def dotted(path: Iterable[str | int]) -> str:
+    """("via", 0, "at") as via[0].at."""
+    text = ""
+    for part in path:
+        text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else part
+    return text
+
+
+def _plain(node: _Node, path: str, key: Mark | None, marks: dict[str, tuple[Mark | None, Mark]]) -> Any:
     marks[path] = (key, node.mark)
     if node.kind == "mapping":
-        return {name: _plain(child, (*path, str(name)), place, marks) for name, place, child in node.items}
+        before = f"{path}." if path else ""
+        return {name: _plain(child, f"{before}{name}", place, marks) for name, place, child in node.items}
     if node.kind == "list":
-        return [_plain(child, (*path, i), None, marks) for i, (_, _, child) in enumerate(node.items)]
+        return [_plain(child, f"{path}[{i}]", None, marks) for i, (_, _, child) in enumerate(node.items)]
     return node.value

@@ -54,7 +54,7 @@ def _sources(problem: PlanningProblem) -> Iterator[str]:
 
 def _meaning(text: str) -> dict[str, Any] | None:
     """What a problem file says, in the words of `_data`; None where it is no problem file."""
-    from nhpocp.problem_file.building import parse_problem
+    from nhpocp.problem_file.reading import parse_problem
 
     try:
         return _data(parse_problem(text), {})

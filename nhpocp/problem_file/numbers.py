@@ -9,6 +9,8 @@ from typing import Annotated, Any
 
 from pydantic_core import CoreSchema, core_schema
 
+from nhpocp.errors import describe
+
 _DECIMAL = r"(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)"
 _PI = re.compile(rf"(?P<sign>-)?(?:(?P<factor>{_DECIMAL})\*)?pi(?:/(?P<divisor>{_DECIMAL}))?")
 _DEGREES = re.compile(rf"(?P<degrees>[-+]?{_DECIMAL}(?:[eE][-+]?[0-9]+)?) +deg")
@@ -33,21 +35,6 @@ class Checked:
 
     def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: Any) -> dict[str, Any]:
         return dict(self.schema)
-
-
-def describe(value: Any) -> str:
-    """A value from a file in plain words, for error messages."""
-    if value is None:
-        return "nothing"
-    if isinstance(value, bool):
-        return f"the truth value {str(value).lower()}"
-    if isinstance(value, int | float):
-        return f"the number {value:.12g}" if abs(value) < 1e300 else "a number too large"
-    if isinstance(value, str):
-        return f"the text {value!r}" if len(value) <= 40 else f"the text {value[:37]!r}…"
-    if isinstance(value, list):
-        return f"a list of {len(value)}"
-    return "a mapping" if isinstance(value, dict) else f"a {type(value).__name__}"
 
 
 def parse_number(value: Any) -> float:

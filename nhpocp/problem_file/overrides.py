@@ -9,9 +9,9 @@ from io import StringIO
 from typing import Any
 
 from nhpocp.errors import InvalidProblemError
-from nhpocp.problem_file.document import Document, parse
-from nhpocp.problem_file.issues import Path, dotted
+from nhpocp.problem_file.document import Document, dotted, parse
 
+Path = tuple[str | int, ...]
 _KEY = re.compile(r"[^.\[\]\s=]+|\[\d+\]")
 
 
@@ -32,7 +32,7 @@ def split(item: str) -> tuple[Path, Any]:
     return path, value
 
 
-def apply(document: Document, overrides: Sequence[str], file: str | None) -> tuple[Document, list[Path]]:
+def apply(document: Document, overrides: Sequence[str], file: str | None) -> tuple[Document, list[str]]:
     """The document with every override in it, and the paths that were set (they stand in no line of the file)."""
     from ruamel.yaml import YAML
     from ruamel.yaml.error import YAMLError
@@ -56,13 +56,18 @@ def apply(document: Document, overrides: Sequence[str], file: str | None) -> tup
             f"--set cannot change this file ({type(error).__name__}); edit the file instead", file=file
         ) from None
     changed = parse(stream.getvalue())
-    paths = [path for path, _ in changes]
+    paths = [dotted(path) for path, _ in changes]
     marks = {
         path: document.marks[path]
         for path in changed.marks
-        if path in document.marks and not any(path[: len(done)] == done for done in paths)
+        if path in document.marks and not any(within(path, done) for done in paths)
     }
     return Document(changed.data, changed.text, marks, changed.aliases), paths
+
+
+def within(path: str, outer: str) -> bool:
+    """Whether a dotted path is another one, or leads further in."""
+    return path.startswith(outer) and path[len(outer) : len(outer) + 1] in ("", ".", "[")
 
 
 def _assign(tree: Any, path: Path, value: Any) -> None:

@@ -11,11 +11,10 @@ from typing import Annotated, Any, Literal, cast
 
 from pydantic import Field, StrictBool, ValidationError, create_model
 
-from nhpocp.errors import InvalidProblemError
+from nhpocp.errors import InvalidProblemError, describe, refuse, suggestion
 from nhpocp.problem_file import plugins
-from nhpocp.problem_file.issues import Issue, Refusal, suggestion
 from nhpocp.problem_file.messages import translate
-from nhpocp.problem_file.numbers import Checked, Number, Positive, Whole, describe, parse_number
+from nhpocp.problem_file.numbers import Checked, Number, Positive, Whole, parse_number
 from nhpocp.problem_file.states import Strict, Vector3
 from nhpocp.state_space import Block
 from nhpocp.systems.system import Parameter, System
@@ -163,23 +162,22 @@ def _plain(value: Any) -> str:
 def read_system(data: Any) -> tuple[System, dict[str, Any]]:
     """The system that a `system` block describes, and the block with its numbers read.
 
-    Errors: `Refusal`, paths relative to the block.
+    Errors: `InvalidProblemError` with its path in the file.
     """
     if not isinstance(data, dict):
-        raise Refusal([Issue((), f"expected a mapping such as {{model: three_upu}}, got {describe(data)}")])
+        words = f"expected a mapping such as {{model: three_upu}}, got {describe(data)}"
+        raise InvalidProblemError(words, path="system")
     model = data.get("model")
     if model is None:
-        raise Refusal([Issue(("model",), f"required key is missing; available: {', '.join(SYSTEMS)}")])
+        words = f"required key is missing; available: {', '.join(SYSTEMS)}"
+        raise InvalidProblemError(words, path="system.model")
     if not isinstance(model, str):
-        raise Refusal([Issue(("model",), f"expected a name, got {describe(model)}")])
-    try:
-        block_model = system_model(model)
-    except InvalidProblemError as error:
-        raise Refusal([Issue(("model",), error.message)]) from None
+        raise InvalidProblemError(f"expected a name, got {describe(model)}", path="system.model")
+    block_model = system_model(model)
     try:
         block = block_model.model_validate(data).model_dump(exclude_unset=True)
     except ValidationError as error:
-        raise Refusal(translate(error, block_model)) from None
+        refuse([issue.under("system") for issue in translate(error, block_model)])
     return _build(model, block), block
 
 
@@ -190,24 +188,17 @@ def _build(model: str, block: Mapping[str, Any]) -> System:
     if "legs" in given:
         beside = [name for name in given if name not in ("legs", "form")]
         if beside:
-            raise Refusal(
-                [
-                    Issue(
-                        (beside[0],),
-                        "stands beside legs, which replace it; remove one of the two",
-                        at_key=True,
-                    )
-                ]
-            )
+            words = "stands beside legs, which replace it; remove one of the two"
+            raise InvalidProblemError(words, path=f"system.{beside[0]}", at_key=True)
         parameters = {name: value for name, value in parameters.items() if name in ("legs", "form")}
     try:
         if model not in SYSTEMS:
             return plugins.made(cls, f"the plugin {cls.__module__}:{cls.__qualname__}", **parameters)
         return cls(**parameters)
     except InvalidProblemError as error:
-        path = (error.path or "").removeprefix("system").removeprefix(".")
-        place = path if path else "legs" if "legs" in given else ""
-        raise Refusal([Issue((place,) if place else (), error.message)]) from None
+        if error.path in (None, "system"):
+            error.path = "system.legs" if "legs" in given else "system"
+        raise
 
 
 def describe_space(blocks: Sequence[Block]) -> list[dict[str, Any]]:

@@ -63,19 +63,6 @@ class NumericSystem:
         return self._function("regularity", self._matrices(tuple(self.system.regularity(self._state))))
 
     @cached_property
-    def names(self) -> list[tuple[str, str, list[str]]]:
-        """Of each part of a trajectory what it is, its name, the names of its numbers."""
-        space, inputs = self.system.state_space, self.system.input_space
-        found = [("state", block.name, block.labels) for block in space.blocks]
-        found += [("input", block.name, block.labels) for block in inputs.blocks]
-        for name, shape in self._outputs[1].items():
-            sizes = shape if shape[1] > 1 else shape[:1] if shape[0] > 1 else ()
-            labels = [name + "".join(f"[{i}]" for i in index) for index in np.ndindex(*sizes)]
-            found.append(("output", name, labels))
-        margins = [f"{kind}_{name}" for kind in ("sigma", "det") for name in self._regularity[1]]
-        return found + [("margin", name, [name]) for name in margins]
-
-    @cached_property
     def breaking_function(self) -> ca.Function:
         """x ↦ what `breaking` makes determinants of, a column: those of small matrices, the entries of others."""
         matrices = self._matrices(self.system.breaking()).values()
