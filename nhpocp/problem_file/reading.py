@@ -150,17 +150,14 @@ def parse_problem(text: str, file: str | None = None, overrides: Sequence[str] =
 
 
 def _read(text: str, file: str | None, path: FilePath | None, overrides: Sequence[str]) -> ProblemFile:
-    document = documents.parse(text, file)
     overridden: list[str] = []
-    if not isinstance(document.data, dict):
-        raise InvalidProblemError(
-            f"expected a mapping that begins with `nhpocp: 1`, got {describe(document.data)}",
-            file=file,
-            line=1,
-            column=1,
-        )
     if overrides:
-        document, overridden = apply(document, overrides, file)
+        document, overridden = apply(text, overrides, file)
+    else:
+        document = documents.parse(text, file)
+    if not isinstance(document.data, dict):
+        words = f"expected a mapping that begins with `nhpocp: 1`, got {describe(document.data)}"
+        raise InvalidProblemError(words, file=file, line=1, column=1)
     place = Place(file, document, overridden)
     shown = document.text if overrides else text
     try:
