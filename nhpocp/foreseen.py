@@ -12,6 +12,7 @@ import numpy as np
 from nhpocp.arrays import Array
 from nhpocp.constraints import Bound, BoundReport, check_bounds
 from nhpocp.problem import PlanningProblem
+from nhpocp.systems.margins import margin
 
 FORGIVEN = 2e-3  # of its size: by how much each bound is widened first, twice what verification forgives
 AFFINE = 1e-9  # relative
@@ -52,12 +53,13 @@ def _of_the_pose(problem: PlanningProblem, pose: Mapping[str, Any]) -> dict[str,
     point, inputs = np.asarray(space.pack(pose)), system.input_space.size
     wanted = {bound.quantity for bound in problem.bounds} - {*space.names, *system.input_space.names}
     values: dict[str, Array] = {}
-    matrices = system.regularity(point) if any(name.startswith("sigma_") for name in wanted) else {}
-    for name, matrix in matrices.items():
-        scaled = matrix / system.column_scales(name, problem.scale)
-        least = np.linalg.svd(scaled, compute_uv=False)[-1] if np.isfinite(scaled).all() else np.nan
-        values[f"sigma_{name}"] = least
-    for name in wanted - {f"sigma_{matrix}" for matrix in matrices}:
+    for name in wanted:
+        if bounded := margin(name):
+            scaled = system.regularity(point)[bounded.matrix]
+            scaled = scaled / system.column_scales(bounded.matrix, problem.scale)
+            least = np.linalg.svd(scaled, compute_uv=False)[-1] if np.isfinite(scaled).all() else np.nan
+            values[name] = least
+            continue
         try:
             with np.errstate(all="ignore"):
                 still, moving = (system.output(name, point, np.full(inputs, u)) for u in (0.0, 1.0))

@@ -20,7 +20,9 @@ from nhpocp.frozen import FixedDict, Frozen, fixed
 from nhpocp.objectives import available
 from nhpocp.scales import Scales, natural_scales
 from nhpocp.state_space import Block, StateSpace
-from nhpocp.systems.system import System, check_names
+from nhpocp.systems.margins import margin
+from nhpocp.systems.quantities import quantities
+from nhpocp.systems.system import System
 
 if TYPE_CHECKING:
     from nhpocp.task import Task
@@ -213,49 +215,24 @@ class PlanningProblem(Frozen):
                 )
         return self.initial if len(wrong) > before else Control(self.basis, self.initial).coefficients
 
+    @cached_property
+    def quantities(self) -> list[tuple[str, Block]]:
+        """What a trajectory consists of, as `systems.quantities`."""
+        return quantities(self.system, self.start_point)
+
     def _check_bounds(self, wrong: list[InvalidProblemError]) -> None:
-        shapes = self._shapes()
-        known = [name for name, shape in shapes.items() if shape is not None]
+        blocks = {block.name: block for _, block in self.quantities}
+        known = [block.name for block in blocks.values() if _may_be_bounded(block)]
         for bound in self.bounds:
-            path = f"constraints.{bound.label}"
-            if bound.quantity not in shapes:
-                words = f"unknown quantity {bound.quantity!r}"
-                wrong.append(InvalidProblemError(words, path=path, word=bound.quantity, known=known))
-            elif (shape := shapes[bound.quantity]) is None:
+            path, block = f"constraints.{bound.label}", blocks.get(bound.quantity)
+            if block is not None and block.kind == "rotation":
                 words = f"a rotation cannot be bounded; bound one of {', '.join(known)}"
                 wrong.append(InvalidProblemError(words, path=path, at_key=True))
-            elif words := bound.misfit(shape):
+            elif block is None or not _may_be_bounded(block):
+                words = f"unknown quantity {bound.quantity!r}"
+                wrong.append(InvalidProblemError(words, path=path, word=bound.quantity, known=known))
+            elif words := bound.misfit(block.shape):
                 wrong.append(InvalidProblemError(words, path=path))
-
-    def _shapes(self) -> dict[str, tuple[int, ...] | None]:
-        """The shape of everything that may be bounded; None for rotations, which may not.
-
-        Errors: `InvalidProblemError` where two entries of a trajectory have one name.
-        """
-        system = self.system
-        # beside the start, where a machine may be singular; what is not finite has a shape all the same
-        aside = np.linspace(0.01, 0.02, system.state_space.dimension)
-        with np.errstate(all="ignore"):
-            point = np.asarray(system.state_space.retract(self.start_point, aside))
-            outputs = system.outputs(point, np.zeros(system.input_space.size))
-            margins = list(system.regularity(point))
-        shapes = {name: tuple(n for n in np.shape(value) if n > 1) for name, value in outputs.items()}
-        parts = [("state", block.name, block.labels) for block in system.state_space.blocks]
-        parts += [("input", block.name, block.labels) for block in system.input_space.blocks]
-        parts += [
-            ("output", name, [name + "".join(f"[{i}]" for i in index) for index in np.ndindex(*shape)])
-            for name, shape in shapes.items()
-        ]
-        parts += [
-            ("margin", f"{kind}_{name}", [f"{kind}_{name}"]) for kind in ("sigma", "det") for name in margins
-        ]
-        check_names(parts)
-        blocks = [*system.state_space.blocks, *system.input_space.blocks]
-        return {
-            **{block.name: None if block.kind == "rotation" else block.shape for block in blocks},
-            **shapes,
-            **{f"sigma_{name}": () for name in margins},
-        }
 
     def _measured(self, bound: Bound) -> Bound:
         """With the scale of its quantity: by unit for states and inputs, else by what these change of it."""
@@ -266,7 +243,7 @@ class PlanningProblem(Frozen):
         inputs = {block.name: block.unit for block in system.input_space.blocks}
         if name in inputs:
             return replace(bound, scale=scales.of(inputs[name]) / scales.time)
-        return replace(bound, scale=1.0 if name.startswith("sigma_") else self._size_of_output(name))
+        return replace(bound, scale=1.0 if bound.margin else self._size_of_output(name))
 
     def _size_of_output(self, name: str) -> float:
         """How much an output changes, to first order about the start, when states and inputs do by their scales."""
@@ -344,6 +321,12 @@ class PlanningProblem(Frozen):
     def control(self, coefficients: Array, horizon: float | None = None) -> Control:
         """A control over the problem's own basis."""
         return Control(self.basis, coefficients, horizon or self.horizon.fixed)
+
+
+def _may_be_bounded(block: Block) -> bool:
+    """Not a rotation, nor a determinant, whose zero is what counts and whose size nothing."""
+    named = margin(block.name)
+    return block.kind != "rotation" and (named is None or named.kind == "sigma")
 
 
 def goal_blocks(system: System) -> list[Block]:

@@ -27,7 +27,7 @@ def probable_degrees(raw: Mapping[str, Any], system: System) -> Iterator[Invalid
 def _angles(raw: Mapping[str, Any], system: System) -> Iterator[tuple[tuple[str | int, ...], Any, float]]:
     block = raw["system"]
     for name, parameter in system.declared.items():
-        if parameter.meaning.endswith("[rad]") and name in block:
+        if parameter.unit == "angle" and name in block:
             yield ("system", name), block[name], ORIENTATION
     poses: list[tuple[tuple[str | int, ...], Any]] = [(("start",), raw["start"]), (("goal",), raw["goal"])]
     poses += [(("via", i), via) for i, via in enumerate(raw.get("via") or ())]

@@ -10,14 +10,19 @@ import numpy as np
 from nhpocp.constraints import Bound
 from nhpocp.errors import InvalidProblemError, refuse
 from nhpocp.problem_file.constraints import Constraints
+from nhpocp.systems.margins import sigma
 from nhpocp.systems.system import System
 
 
 def bounds_of(given: Constraints, system: System) -> list[Bound]:
     """The block as bounds on named quantities. Errors: `InvalidProblemError` for what the system cannot be asked."""
     wrong, bounds = [], []
-    for name in ("leg_length", "leg_speed", "clearance"):
-        if getattr(given, name) is not None and not hasattr(system, "legs"):
+    if given.clearance is not None and type(system).regularity is System.regularity:
+        words = f"the system {system.model} has no legs, or what else becomes singular; remove it"
+        wrong.append(InvalidProblemError(words, path="constraints.clearance", at_key=True))
+    known = system.known_outputs
+    for name in ("leg_length", "leg_speed"):
+        if getattr(given, name) is not None and known is not None and "leg_lengths" not in known:
             words = f"the system {system.model} has no legs; remove it"
             wrong.append(InvalidProblemError(words, path=f"constraints.{name}", at_key=True))
     if isinstance(given.control, list) and len(given.control) != (inputs := system.input_space).size:
@@ -31,20 +36,19 @@ def bounds_of(given: Constraints, system: System) -> list[Bound]:
     if given.control is not None:
         bounds += _control_bounds(given.control, system)
     if given.clearance is not None:
-        bounds += [
-            Bound(f"clearance.sigma_{which}", f"sigma_{which}", given.clearance) for which in _margins(system)
-        ]
+        bounds += [Bound(f"clearance.{name}", name, given.clearance) for name in _margins(system)]
     for name, bound in (given.state or {}).items():
         bounds.append(Bound(f"state.{name}", name, *_sides(bound)))
     return bounds
 
 
 def _margins(system: System) -> list[str]:
-    """Names of the matrices to stay away from."""
+    """Names of the distances from what is singular."""
     blocks = system.state_space.blocks
     somewhere = {b.name: np.eye(3) if b.kind == "rotation" else np.zeros(b.shape) for b in blocks}
     with np.errstate(all="ignore"):
-        return list(system.regularity(np.asarray(system.state_space.pack(somewhere))))
+        matrices = system.regularity(np.asarray(system.state_space.pack(somewhere)))
+    return [sigma(matrix).name for matrix in matrices]
 
 
 def _control_bounds(given: float | list[list[float | None]], system: System) -> list[Bound]:

@@ -12,6 +12,7 @@ import numpy as np
 from nhpocp.arrays import Array
 from nhpocp.calls import call, mapped
 from nhpocp.kept import kept
+from nhpocp.systems.margins import det, sigma
 from nhpocp.systems.system import System
 
 ROUNDING = 1e-12  # what an eigenvalue of AᵀA may be wrong by, as a share of their sum
@@ -112,23 +113,24 @@ class NumericSystem:
         return {name: m.size1() for name, m in self._matrices(self.system.breaking()).items()}
 
     def sigmas(self, states: Array, length_scale: float) -> dict[str, Array]:
-        """sigma_* of every regularity matrix at samples: its least singular value, rotations divided by a length."""
+        """The least singular value of every regularity matrix at samples, rotations divided by a length, (k,) each."""
         return {
-            f"sigma_{name}": _least_singular_value(matrices / self.system.column_scales(name, length_scale))
+            name: _least_singular_value(matrices / self.system.column_scales(name, length_scale))
             for name, matrices in self.regularity(states).items()
         }
 
     def least_sigmas(self, states: Array, length_scale: float) -> dict[str, float | None]:
-        """The least of each along samples; None where none is finite."""
+        """The least of each along samples, by `Margin.name`; None where none is finite."""
         return {
-            f"sigma_{name}": _least_along(matrices / self.system.column_scales(name, length_scale))
+            sigma(name).name: _least_along(matrices / self.system.column_scales(name, length_scale))
             for name, matrices in self.regularity(states).items()
         }
 
     def margins(self, states: Array, length_scale: float) -> dict[str, Array]:
-        """The same and det_* of every regularity matrix."""
-        determinants = {f"det_{name}": values for name, values in self.determinants(states).items()}
-        return {**self.sigmas(states, length_scale), **determinants}
+        """Both margins of every regularity matrix at samples, (k,) each, by `Margin.name`."""
+        sigmas, determinants = self.sigmas(states, length_scale), self.determinants(states)
+        named = {sigma(name).name: values for name, values in sigmas.items()}
+        return named | {det(name).name: values for name, values in determinants.items()}
 
     def trajectory(self, states: Array, controls: Array, length_scale: float) -> dict[str, Array]:
         """Everything worth knowing at samples: state blocks, inputs, outputs, margins; (k, …) arrays by name."""

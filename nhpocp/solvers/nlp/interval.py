@@ -234,7 +234,7 @@ def units_of(problem: PlanningProblem, bounds: Sequence[Bound], softening: float
     scales = problem.scales
     soft = softening * scales.objective("path_length")
     own = [scales.length, scales.number, scales.time, scales.objective(problem.objective), soft]
-    return np.array([*own, *(1.0 if b.quantity.startswith("sigma_") else b.scale for b in bounds)])
+    return np.array([*own, *(1.0 if b.margin else b.scale for b in bounds)])
 
 
 def interval_of(
