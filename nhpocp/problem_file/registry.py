@@ -32,18 +32,6 @@ SYSTEMS: dict[str, str] = {
 }
 
 
-class LegData(Strict):
-    """One leg of the 3-ŬPU robot as built."""
-
-    base: Vector3 = Field(description="centre of the sphere, base coordinates")
-    platform: Vector3 = Field(description="centre of the universal joint, platform coordinates")
-    r: Vector3 = Field(description="roller normal, base coordinates (suslov: along g, w3, g×w3)")
-    w4: Vector3 = Field(description="axis of the universal joint fixed in the platform")
-    joint: Literal["veselova", "suslov"] = Field(
-        default="veselova", description="r fixed in the base or in the leg"
-    )
-
-
 def _length(value: Any) -> float | str:
     if isinstance(value, str) and not any(c.isdigit() for c in value) and value != "fixed":
         raise ValueError(f"expected fixed or a length >= 0, got {describe(value)}")
@@ -58,38 +46,6 @@ def _length(value: Any) -> float | str:
 Length = Annotated[
     float | str, Checked(_length, {"anyOf": [{"const": "fixed"}, {"type": "number", "minimum": 0}]})
 ]
-
-
-class JointedLegData(Strict):
-    """One leg of a parallel robot as built: its joints, and what is between them."""
-
-    base: Vector3 = Field(description="centre of the base joint, base coordinates")
-    platform: Vector3 = Field(description="centre of the platform joint, platform coordinates")
-    base_joint: Literal["veselova", "suslov", "universal", "spherical"] = Field(
-        default="veselova", description="about which directions the leg can turn in the base"
-    )
-    r: Vector3 | None = Field(
-        default=None,
-        description="about which it cannot: base coordinates (veselova), or along g, w3, g×w3 (suslov)",
-    )
-    w1: Vector3 | None = Field(
-        default=None, description="axis of a universal base joint fixed in the base, base coordinates"
-    )
-    w2: Vector3 | None = Field(
-        default=None, description="its axis fixed in the leg, along g, w3, g×w3; default w3"
-    )
-    w4: Vector3 | None = Field(
-        default=None,
-        description="axis of the universal joint fixed in the platform; without it that joint is spherical",
-    )
-    length: Length | None = Field(
-        default=None,
-        description="fixed (as at the start) or a length, of a bar; 0: the base joint holds the platform itself; "
-        "absent: a prismatic joint",
-    )
-    actuated: StrictBool | None = Field(
-        default=None, description="whether a motor drives the length; default: if it is prismatic"
-    )
 
 
 def system_class(model: str) -> type[System]:
@@ -125,15 +81,32 @@ def every_class() -> tuple[dict[str, type[System]], list[str]]:
     return classes, broken
 
 
-def _field(parameter: Parameter) -> Any:
+def _fields(owner: str, declared: Mapping[str, Parameter]) -> dict[str, Any]:
+    """The pydantic fields of the parameters that a model declares."""
+    fields: dict[str, Any] = {}
+    for name, parameter in declared.items():
+        known = parameter.default not in (None, ...)
+        shown = (
+            f"{parameter.described}; default {_plain(parameter.default)}" if known else parameter.described
+        )
+        default = ... if parameter.default is ... else None
+        fields[name] = (_type(f"{owner}_{name}", parameter), Field(default=default, description=shown))
+    return fields
+
+
+def _type(name: str, parameter: Parameter) -> Any:
+    if parameter.keys is not None:
+        return list[create_model(name, __base__=Strict, **_fields(name, parameter.keys))]  # type: ignore[misc]
+    if parameter.kind == "choice":
+        return Literal[parameter.choices]
     kinds: dict[str, Any] = {
         "number": Number,
         "positive": Positive,
         "integer": Whole,
         "numbers": list[Number],
-        "legs": list[LegData],
-        "jointed legs": list[JointedLegData],
-        "choice": Literal[parameter.choices or ("",)],
+        "vector": Vector3,
+        "length": Length,
+        "flag": StrictBool,
     }
     return kinds[parameter.kind]
 
@@ -149,9 +122,7 @@ def system_model(model: str) -> type[Strict]:
             Literal[tuple(presets)],
             Field(default=None, description="named set of parameters; parameters beside it override it"),
         )
-    for name, parameter in declared.items():
-        shown = "" if parameter.default is None else f"; default {_plain(parameter.default)}"
-        fields[name] = (_field(parameter), Field(default=None, description=parameter.described + shown))
+    fields |= _fields(f"System_{model}", declared)
     return create_model(f"System_{model}", __base__=Strict, __doc__=f"The system {model}.", **fields)
 
 
