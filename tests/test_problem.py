@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from nhpocp import so3
+from nhpocp.constraints import Bound
 from nhpocp.controls.fourier import Fourier
 from nhpocp.errors import InvalidProblemError
 from nhpocp.problem import Horizon, PlanningProblem
@@ -51,6 +52,39 @@ def test_every_misfit_is_named_with_its_path(changes, path, words):
     with pytest.raises(InvalidProblemError, match=words) as caught:
         problem(**changes)
     assert caught.value.path == path
+
+
+def test_everything_that_is_wrong_is_known_at_once():
+    with pytest.raises(InvalidProblemError) as caught:
+        problem(start={"position": [0, 0]}, goal={"place": 1}, objective="beauty", samples=1)
+    paths = [error.path for error in (caught.value, *caught.value.others)]
+    assert paths == ["start.position", "start.orientation", "goal.place", "objective", "output.samples"]
+
+
+def test_a_rotation_is_written_in_python_as_in_a_file():
+    written = problem(start={"position": [0, 0, 25], "orientation": {"rpy": [0, 0, -np.pi / 6]}})
+    np.testing.assert_array_equal(written.start["orientation"], problem().start["orientation"])
+
+
+BOUNDS = {  # a bound, words
+    "no such quantity": (Bound("state.positon", "positon", 0, 1), "did you mean 'position'"),
+    "a rotation": (Bound("state.orientation", "orientation", 0, 1), "a rotation cannot be bounded"),
+    "a determinant": (Bound("det", "det_w", 0, 1), "unknown quantity"),
+    "too many numbers": (Bound("state.position", "position", [0, 0], 1), "2 bounds a side; expected 3"),
+    "the wrong way round": (Bound("leg_length", "leg_lengths", 60, 20), "bound 60 is above upper bound 20"),
+    "one of them": (
+        Bound("state.position", "position", [0, 5, 0], [1, 4, 1]),
+        "5 is above upper bound 4 in component 2",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", BOUNDS)
+def test_a_bound_that_bounds_nothing_is_refused(name):
+    bound, words = BOUNDS[name]
+    with pytest.raises(InvalidProblemError, match=words) as caught:
+        problem(bounds=[bound])
+    assert caught.value.path == f"constraints.{bound.label}"
 
 
 def test_coefficients_for_another_basis_are_refused():

@@ -84,29 +84,27 @@ def _hint(text: str) -> str:
     return "; numbers are written 0.5, 1e-3, -pi/6, 2*pi/3 or 75 deg" if re.search("pi|[0-9]", text) else ""
 
 
-def _positive(value: Any) -> float:
-    number = parse_number(value)
-    if number <= 0:
-        raise ValueError(f"{number:g} is not positive; expected a number > 0")
-    return number
+NUMBER_SCHEMA: dict[str, Any] = {
+    "type": ["number", "string"],
+    "pattern": _PATTERN,  # of texts; limits are of numbers
+    "patternErrorMessage": "expected a number such as 0.5, 1e-3, -pi/6, 2*pi/3 or 75 deg",  # editors show it
+}
 
 
-def _not_negative(value: Any) -> float:
-    number = parse_number(value)
-    if number < 0:
-        raise ValueError(f"{number:g} is negative; expected a number >= 0")
-    return number
+def _limited(holds: Callable[[float], bool], fault: str, **limits: float) -> Checked:
+    """Numbers for which something holds; else what is wrong is said, as in "-1 is not positive"."""
+
+    def validate(value: Any) -> float:
+        number = parse_number(value)
+        if not holds(number):
+            raise ValueError(f"{number:g} {fault}")
+        return number
+
+    return Checked(validate, {**NUMBER_SCHEMA, **limits})
 
 
-def _share(value: Any) -> float:
-    number = parse_number(value)
-    if not 0 < number < 1:
-        raise ValueError(f"{number:g} is not inside the horizon; expected a share between 0 and 1")
-    return number
-
-
-def _whole(least: int, most: int | None) -> Callable[[Any], int]:
-    """A validator of whole numbers between two limits."""
+def _whole(least: int, most: int | None) -> Checked:
+    """Whole numbers between two limits."""
     span = f"from {least} to {most}" if most is not None else f">= {least}"
 
     def validate(value: Any) -> int:
@@ -117,43 +115,43 @@ def _whole(least: int, most: int | None) -> Callable[[Any], int]:
             raise ValueError(f"{number:.12g} is out of range; expected a whole number {span}")
         return int(number)
 
-    return validate
-
-
-def _auto_or_count(value: Any) -> int | str:
-    if value == "auto":
-        return "auto"
-    if isinstance(value, str) and not re.search("[0-9]", value):
-        raise ValueError(f"expected auto or a whole number, got {describe(value)}")
-    return _whole(1, LARGEST_COUNT)(value)
-
-
-def _integer_schema(least: int, most: int | None) -> dict[str, Any]:
     limits = {"minimum": least} if most is None else {"minimum": least, "maximum": most}
-    return {"type": "integer", **limits}
+    return Checked(validate, {"type": "integer", **limits})
 
 
-def _checked_whole(least: int, most: int | None) -> Checked:
-    return Checked(_whole(least, most), _integer_schema(least, most))
+def _word_or(word: str, number: Checked, what: str) -> Checked:
+    """One word, or a number."""
+
+    def validate(value: Any) -> Any:
+        if value == word:
+            return word
+        if isinstance(value, str) and not re.search("[0-9]", value):
+            raise ValueError(f"expected {word} or {what}, got {describe(value)}")
+        return number.validate(value)
+
+    return Checked(validate, {"anyOf": [{"const": word}, number.schema]})
 
 
-NUMBER_SCHEMA: dict[str, Any] = {
-    "type": ["number", "string"],
-    "pattern": _PATTERN,  # of texts; limits are of numbers
-    "patternErrorMessage": "expected a number such as 0.5, 1e-3, -pi/6, 2*pi/3 or 75 deg",  # editors show it
-}
+_NOT_NEGATIVE = _limited(lambda x: x >= 0, "is negative; expected a number >= 0", minimum=0)
+_COUNT = _whole(1, LARGEST_COUNT)
 
 Number = Annotated[float, Checked(parse_number, NUMBER_SCHEMA)]
-Positive = Annotated[float, Checked(_positive, {**NUMBER_SCHEMA, "exclusiveMinimum": 0})]
-NotNegative = Annotated[float, Checked(_not_negative, {**NUMBER_SCHEMA, "minimum": 0})]
+Positive = Annotated[
+    float, _limited(lambda x: x > 0, "is not positive; expected a number > 0", exclusiveMinimum=0)
+]
+NotNegative = Annotated[float, _NOT_NEGATIVE]
 Share = Annotated[
     float,
-    Checked(_share, {**NUMBER_SCHEMA, "exclusiveMinimum": 0, "exclusiveMaximum": 1}),
+    _limited(
+        lambda x: 0 < x < 1,
+        "is not inside the horizon; expected a share between 0 and 1",
+        exclusiveMinimum=0,
+        exclusiveMaximum=1,
+    ),
 ]
-Whole = Annotated[int, _checked_whole(0, None)]
-Count = Annotated[int, _checked_whole(1, LARGEST_COUNT)]
-AutoOrCount = Annotated[
-    int | str, Checked(_auto_or_count, {"anyOf": [{"const": "auto"}, _integer_schema(1, LARGEST_COUNT)]})
-]
-Degree = Annotated[int, _checked_whole(0, LARGEST_DEGREE)]
-Samples = Annotated[int, _checked_whole(2, 1_000_000)]
+Whole = Annotated[int, _whole(0, None)]
+Count = Annotated[int, _COUNT]
+AutoOrCount = Annotated[int | str, _word_or("auto", _COUNT, "a whole number")]
+Length = Annotated[float | str, _word_or("fixed", _NOT_NEGATIVE, "a length >= 0")]  # of a robot's leg
+Degree = Annotated[int, _whole(0, LARGEST_DEGREE)]
+Samples = Annotated[int, _whole(2, 1_000_000)]

@@ -66,8 +66,7 @@ class ProblemFile:
             **{name: self.data.system[name] for name in ("model", "preset") if name in self.data.system},
             **self.system.parameters(),
         }
-        known = self.data.length_scale, self.system.own_length, self.data.error_length
-        data["length_scale"] = next(length for length in known if length)
+        data["length_scale"] = self.problem.scale
         return data
 
     def located(self, error: InvalidProblemError) -> InvalidProblemError:

@@ -7,14 +7,14 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Any, Literal, cast
+from typing import Any, Literal, cast
 
 from pydantic import Field, StrictBool, ValidationError, create_model
 
 from nhpocp.errors import InvalidProblemError, describe, refuse, suggestion
 from nhpocp.problem_file import plugins
 from nhpocp.problem_file.messages import translate
-from nhpocp.problem_file.numbers import Checked, Number, Positive, Whole, parse_number
+from nhpocp.problem_file.numbers import Length, Number, Positive, Whole
 from nhpocp.problem_file.states import Strict, Vector3
 from nhpocp.state_space import Block
 from nhpocp.systems.system import Parameter, System
@@ -30,22 +30,6 @@ SYSTEMS: dict[str, str] = {
     "suslov_joint": "nhpocp.systems.suslov_joint:SuslovJoint",
     "rolling_sphere": "nhpocp.systems.rolling_sphere:RollingSphere",
 }
-
-
-def _length(value: Any) -> float | str:
-    if isinstance(value, str) and not any(c.isdigit() for c in value) and value != "fixed":
-        raise ValueError(f"expected fixed or a length >= 0, got {describe(value)}")
-    if value == "fixed":
-        return "fixed"
-    number = parse_number(value)
-    if number < 0:
-        raise ValueError(f"{number:g} is negative; expected fixed or a length >= 0")
-    return number
-
-
-Length = Annotated[
-    float | str, Checked(_length, {"anyOf": [{"const": "fixed"}, {"type": "number", "minimum": 0}]})
-]
 
 
 def system_class(model: str) -> type[System]:
