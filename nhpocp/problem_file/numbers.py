@@ -18,6 +18,7 @@ _PATTERN = rf"^(-?({_DECIMAL}\*)?pi(/{_DECIMAL})?|[-+]?{_DECIMAL}([eE][-+]?[0-9]
 
 LARGEST_COUNT = 100_000  # intervals, steps
 LARGEST_DEGREE = 1000  # harmonics
+PLAUSIBLE = 1e-50, 1e50  # a unit's size: its squares and their products are still numbers
 
 
 class Checked:
@@ -138,6 +139,15 @@ _COUNT = _whole(1, LARGEST_COUNT)
 Number = Annotated[float, Checked(parse_number, NUMBER_SCHEMA)]
 Positive = Annotated[
     float, _limited(lambda x: x > 0, "is not positive; expected a number > 0", exclusiveMinimum=0)
+]
+Size = Annotated[
+    float,
+    _limited(
+        lambda x: PLAUSIBLE[0] <= x <= PLAUSIBLE[1],
+        f"is out of range; expected a number from {PLAUSIBLE[0]:g} to {PLAUSIBLE[1]:g}",
+        minimum=PLAUSIBLE[0],
+        maximum=PLAUSIBLE[1],
+    ),
 ]
 NotNegative = Annotated[float, _NOT_NEGATIVE]
 Share = Annotated[

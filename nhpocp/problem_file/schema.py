@@ -9,7 +9,7 @@ from pydantic import BeforeValidator, ConfigDict, Discriminator, Field, StrictBo
 from nhpocp.errors import describe
 from nhpocp.problem_file.constraints import Constraints
 from nhpocp.problem_file.control import ControlData, FourierControl
-from nhpocp.problem_file.numbers import Checked, Number, Positive, Samples, Share, Whole, parse_number
+from nhpocp.problem_file.numbers import Checked, Number, Positive, Samples, Share, Size, Whole, parse_number
 from nhpocp.problem_file.settings import Solvers, absent
 from nhpocp.problem_file.states import State, StateValue, Strict
 
@@ -128,8 +128,8 @@ class ProblemData(Strict):
     objective: Literal["effort", "leg_effort", "path_length", "time"] = Field(
         default="effort", description="effort ∫|control|², leg_effort ∫|u|², path_length, time"
     )
-    error_length: Positive = Field(default=1.0, description="length that counts as much as one radian in E")
-    length_scale: Positive | None = Field(
+    error_length: Size = Field(default=1.0, description="length that counts as much as one radian in E")
+    length_scale: Size | None = Field(
         default=None,
         description="divides the rotation columns of S and W; default: the mechanism's own length, else error_length",
     )
