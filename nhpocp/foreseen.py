@@ -131,7 +131,7 @@ def _asked_of_the_control(problem: PlanningProblem, point: Array) -> list[_Sides
     values = numeric_system(problem.system).trajectory(
         np.tile(point, (len(controls), 1)), controls, problem.scale
     )
-    found = []
+    sides_of_bounds = []
     for bound in problem.bounds:
         numbers = np.asarray(values[bound.quantity]).reshape(len(controls), -1)
         if not np.isfinite(numbers).all():
@@ -146,8 +146,8 @@ def _asked_of_the_control(problem: PlanningProblem, point: Array) -> list[_Sides
             np.broadcast_to(np.asarray(side, dtype=float) + sign * FORGIVEN * size, shape).ravel()
             for side, sign, size in zip(sides, (-1, 1), (below, above), strict=True)
         )
-        found.append(_Sides(bound, A, b, lower, upper))
-    return found
+        sides_of_bounds.append(_Sides(bound, A, b, lower, upper))
+    return sides_of_bounds
 
 
 def _meetable(sides: Sequence[_Sides]) -> bool:
@@ -164,10 +164,10 @@ def _meetable(sides: Sequence[_Sides]) -> bool:
     sizes[sizes == 0] = 1.0
     columns = np.abs(A[kept] / sizes[:, None]).max(axis=0, initial=0.0)
     columns[columns == 0] = 1.0
-    found = linprog(
+    answer = linprog(
         np.zeros(A.shape[1]), A[kept] / sizes[:, None] / columns, b[kept] / sizes, bounds=(None, None)
     )
-    return bool(found.status != 2)  # 2: infeasible
+    return bool(answer.status != 2)  # 2: infeasible
 
 
 def _least(sides: Sequence[_Sides]) -> list[_Sides]:

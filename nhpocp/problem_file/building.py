@@ -140,19 +140,19 @@ def _available(key: str, name: str) -> Callable[..., Any]:
     if name not in known:
         raise InvalidProblemError(_not_available(key, name, list(known)), path=key)
     module, _, attribute = known[name].partition(":")
-    found: Callable[..., Any] = getattr(importlib.import_module(module), attribute)
-    return found
+    named: Callable[..., Any] = getattr(importlib.import_module(module), attribute)
+    return named
 
 
 def _not_available(key: str, value: Any, known: Sequence[Any]) -> str:
     setting = key.rpartition(".")[2]
-    return f"{setting} {value!r} is not available in this version; available: {', '.join(map(str, known))}"
+    return f"no {setting} is called {value!r}; available: {', '.join(map(str, known))}"
 
 
 def build_basis(data: ControlBlock) -> ControlBasis:
     """The basis of a `control` block."""
-    found: ControlBasis = _available("control.basis", data.basis)(**data.parameters())
-    return found
+    basis: ControlBasis = _available("control.basis", data.basis)(**data.parameters())
+    return basis
 
 
 def control_from_json(data: Mapping[str, Any]) -> Control:

@@ -103,11 +103,11 @@ def _keys(model: type[BaseModel], raw: tuple[str, ...]) -> tuple[str, ...]:
             here = Rotation
         elif _TAG.fullmatch(part):
             here = _member(here, part)
-        elif (found := _model_in(here)) is not None and part in found.model_fields:
-            field = found.model_fields[part]
+        elif (owner := _model_in(here)) is not None and part in owner.model_fields:
+            field = owner.model_fields[part]
             here = (field.annotation, *field.metadata)
-    found = _model_in(here)
-    return tuple(found.model_fields) if found else ()
+    owner = _model_in(here)
+    return tuple(owner.model_fields) if owner else ()
 
 
 def _walk(annotation: Any) -> Iterator[Any]:

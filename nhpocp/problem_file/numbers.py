@@ -58,30 +58,30 @@ def parse_number(value: Any) -> float:
 
 
 def _from_text(text: str) -> float:
-    if found := _DEGREES.fullmatch(text):
-        return float(found["degrees"]) * pi / 180
-    if found := _PI.fullmatch(text):
-        divisor = float(found["divisor"] or 1)
+    if parts := _DEGREES.fullmatch(text):
+        return float(parts["degrees"]) * pi / 180
+    if parts := _PI.fullmatch(text):
+        divisor = float(parts["divisor"] or 1)
         if divisor == 0:
             raise ValueError(f"{text!r} divides by zero")
-        number = float(found["factor"] or 1) * pi / divisor
-        return -number if found["sign"] else number
+        number = float(parts["factor"] or 1) * pi / divisor
+        return -number if parts["sign"] else number
     raise ValueError(f"expected a number, got {describe(text)}{_hint(text)}")
 
 
 def _hint(text: str) -> str:
     """What to write instead, where the intention can be guessed."""
     squeezed = re.sub(r"\s+|_", "", text)
-    if found := re.fullmatch(r"(.*?[0-9.])(deg|°|degrees?)", squeezed, re.IGNORECASE):
-        return f"; write {found[1] + ' deg'!r}" if _DEGREES.fullmatch(found[1] + " deg") else ""
+    if parts := re.fullmatch(r"(.*?[0-9.])(deg|°|degrees?)", squeezed, re.IGNORECASE):
+        return f"; write {parts[1] + ' deg'!r}" if _DEGREES.fullmatch(parts[1] + " deg") else ""
     if text != squeezed and _PI.fullmatch(squeezed):
         return f"; write {squeezed!r}"
     if re.fullmatch(rf"[-+]?{_DECIMAL}([eE][-+]?[0-9]+)?", squeezed):
         return f"; write {squeezed}" if squeezed != text else "; remove the quotes"
-    if found := re.fullmatch(rf"([-+]?{_DECIMAL}(?:[eE][-+]?[0-9]+)?)([a-zA-Zµ/]+)", squeezed):
-        if found[2] in ("rad", "radian", "radians"):
-            return f"; radians are plain numbers: write {found[1]}"
-        return f"; {found[2]!r} is no unit here, only deg is: write {found[1]}, in the unit of your other numbers"
+    if parts := re.fullmatch(rf"([-+]?{_DECIMAL}(?:[eE][-+]?[0-9]+)?)([a-zA-Zµ/]+)", squeezed):
+        if parts[2] in ("rad", "radian", "radians"):
+            return f"; radians are plain numbers: write {parts[1]}"
+        return f"; {parts[2]!r} is no unit here, only deg is: write {parts[1]}, in the unit of your other numbers"
     return "; numbers are written 0.5, 1e-3, -pi/6, 2*pi/3 or 75 deg" if re.search("pi|[0-9]", text) else ""
 
 

@@ -70,7 +70,7 @@ class ProblemFile:
         return data
 
     def located(self, error: InvalidProblemError) -> InvalidProblemError:
-        """The same error with file, line and column, as far as its path tells."""
+        """An error with file, line and column, as far as its path tells."""
         return error if error.line is not None else self.place.error([error, *error.others])
 
 

@@ -40,13 +40,13 @@ def system_class(model: str) -> type[System]:
     if model in SYSTEMS:
         module, _, name = SYSTEMS[model].partition(":")
         return cast("type[System]", getattr(importlib.import_module(module), name))
-    found = plugins.installed()
-    if model not in found:
-        near = suggestion(model, [*SYSTEMS, *found])
+    others = plugins.installed()
+    if model not in others:
+        near = suggestion(model, [*SYSTEMS, *others])
         own = f"a system of your own is found by an entry point of the group {plugins.GROUP}"
         hint = near if near.startswith("did you mean") else f"{near}; {own}"
         raise InvalidProblemError(f"unknown model {model!r}; {hint}", path="system.model")
-    return plugins.load(found[model])
+    return plugins.load(others[model])
 
 
 def every_class() -> tuple[dict[str, type[System]], list[str]]:
@@ -169,10 +169,10 @@ def systems() -> dict[str, dict[str, Any]]:
 
     Plugins that are broken are left out; `every_class` says what is wrong with them.
     """
-    found = {}
+    described = {}
     for model, cls in every_class()[0].items():
         instance = cls()
-        found[model] = {
+        described[model] = {
             "parameters": {
                 name: {
                     "kind": parameter.kind,
@@ -187,4 +187,4 @@ def systems() -> dict[str, dict[str, Any]]:
             "inputs": describe_space(instance.input_space.blocks),
             "pose_outputs": describe_space(instance.pose_outputs),
         }
-    return found
+    return described
