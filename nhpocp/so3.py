@@ -209,7 +209,7 @@ def from_mapping(value: Mapping[str, Any]) -> Array:
         )
     name = given[0]
     try:
-        numbers = np.asarray(value[name], dtype=float)
+        numbers = np.array(value[name], dtype=float)
         shape = {"quaternion": (4,), "matrix": (3, 3)}.get(name, (3,))
         if numbers.shape != shape or not np.isfinite(numbers).all():
             raise ValueError
