@@ -3,27 +3,26 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import lru_cache
 
 import numpy as np
 
 from nhpocp.arrays import Array
 from nhpocp.controls.control import Control
 from nhpocp.flow.end_point_map import flow_through, stops_of
-from nhpocp.flow.integrators import Integrator, RungeKutta4, resolving
+from nhpocp.flow.integrators import Integrator
+from nhpocp.flow.step_error import finer, resolving
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Outcome, Progress
 from nhpocp.solvers.continuation.continuation import Continuation, Found
 from nhpocp.task import total_error
 
-FINER = 4  # times the steps of a claim, for the check
 CORRECTIONS = 3
 
 
 def confirmed(
     solver: Continuation, problem: PlanningProblem, progress: Progress | None = None, updates: int = 0
 ) -> Found:
-    """What a continuation finds; where a simulation with ``FINER`` times the steps refutes it, corrected with those.
+    """What a continuation finds; where a simulation with `finer` steps refutes it, corrected with those.
 
     Every claim is held against such a simulation, that of the last correction too; ends as `not_verified` only if that
     is refuted as well, after `CORRECTIONS` of them. ``updates``: as of `Continuation.find`.
@@ -68,11 +67,3 @@ def end_of(problem: PlanningProblem, control: Control, integrator: Integrator) -
     flow = flow_through(problem.system, control.basis, control.horizon, finer(resolved), ())
     end = flow.end(problem.start_point, control.coefficients)
     return problem.system.state_space.nearest(end) if np.isfinite(end).all() else end
-
-
-@lru_cache(maxsize=16)
-def finer(integrator: Integrator) -> Integrator:
-    """Runge and Kutta's with ``FINER`` times the steps, which takes controls with jumps too."""
-    if isinstance(integrator, RungeKutta4):
-        return replace(integrator, steps=FINER * integrator.steps)
-    return RungeKutta4(FINER * getattr(integrator, "steps", 100))

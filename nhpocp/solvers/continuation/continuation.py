@@ -20,21 +20,20 @@ from nhpocp.controls.basis import ControlBasis
 from nhpocp.controls.control import Control
 from nhpocp.deferred import Deferred
 from nhpocp.flow.end_point_map import DifferentiatedEndPointMap, EndPointMapFactory
-from nhpocp.flow.integrators import Integrator, RungeKutta4, enough_steps, resolving
+from nhpocp.flow.integrators import Integrator, RungeKutta4
 from nhpocp.flow.simulation import simulate
+from nhpocp.flow.step_error import ALLOWED, StepError, enough_steps, resolving
 from nhpocp.interruption import Interruption
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Outcome, Progress, Solution, Solver
 from nhpocp.solvers.continuation.evaluation import Evaluation, Evaluator
 from nhpocp.solvers.continuation.generalized_inverses import GeneralizedInverse, MoorePenrose
 from nhpocp.solvers.continuation.initial_control import NoStartError, initial_coefficients
-from nhpocp.solvers.continuation.step_error import StepError
 from nhpocp.solvers.continuation.step_rules import Euler, StepRule
 from nhpocp.solvers.least_cost.least_cost import LeastCost, Residual
 from nhpocp.solvers.least_cost.null_space import LimitReached
 from nhpocp.solvers.metrics import CoefficientMetric, Coordinates, Metric
 
-RESOLVED = 0.25  # of the tolerance: the error of integration that a search for less may run into
 DIVERGED_ABOVE = 1e3  # times (1 + the first error): far outside any workspace
 STAGNATION_WINDOW = 50  # updates
 STAGNATION_SHARE = 0.01  # of the decay that the step sizes promise
@@ -225,7 +224,7 @@ class _Run:
         solver = self.solver
         resolution = StepError(self.problem, solver.integrator, self.horizon)
         at_first = resolution.error(reached.coefficients, reached.end.state)
-        allowed = max(RESOLVED * solver.tolerance, 2.0 * at_first)
+        allowed = max(ALLOWED * solver.tolerance, 2.0 * at_first)
 
         def attempt(coefficients: Array) -> Residual | None:
             try:

@@ -14,12 +14,12 @@ import numpy as np
 
 from nhpocp.arrays import Array
 from nhpocp.flow.end_point_map import DifferentiatedEndPointMap, flow_through
-from nhpocp.flow.integrators import RungeKutta4, resolving
+from nhpocp.flow.integrators import RungeKutta4
+from nhpocp.flow.step_error import finer, resolving
 from nhpocp.interruption import Interruption
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Solver
 from nhpocp.solvers.continuation.auto import EVALUATIONS, Auto
-from nhpocp.solvers.continuation.confirmation import finer
 from nhpocp.solvers.continuation.continuation import DIVERGED_ABOVE, STAGNATION_WINDOW, Continuation
 from nhpocp.solvers.continuation.generalized_inverses import NEGLIGIBLE, MoorePenrose, within_radius
 from nhpocp.solvers.continuation.step_rules import KEPT, PROMISED, SMALLEST, Adaptive, next_radius

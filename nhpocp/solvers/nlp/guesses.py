@@ -15,7 +15,8 @@ from nhpocp.controls.projection import project
 from nhpocp.errors import InvalidProblemError, OrientationAtPiError, TooLargeError
 from nhpocp.flow.dynamics import Dynamics
 from nhpocp.flow.end_point_map import DifferentiatedEndPointMap
-from nhpocp.flow.integrators import RungeKutta4, resolving
+from nhpocp.flow.integrators import RungeKutta4
+from nhpocp.flow.step_error import resolving
 from nhpocp.problem import Horizon, PlanningProblem
 from nhpocp.provenance import afford
 from nhpocp.solution import Outcome, Solution, Solver

@@ -14,6 +14,7 @@ from nhpocp.controls.control import Control
 from nhpocp.deferred import Deferred
 from nhpocp.flow.compiled.kernels import Interpreted, Kernels
 from nhpocp.flow.simulation import Motion, simulate
+from nhpocp.flow.step_error import ALLOWED, FINER
 from nhpocp.interruption import Interruption
 from nhpocp.objectives import SOFTENINGS
 from nhpocp.problem import PlanningProblem
@@ -28,8 +29,6 @@ from nhpocp.task import total_error
 SLIGHT = 1e-6  # what a row, in its own unit, may be broken by and still be said to hold
 AT_LIMIT = 1e-3  # of its size: nearer, a row is at its limit
 MOST_STEPS = 16  # per interval
-RESIMULATION_SHARE = 0.1  # of the tolerance: the integration error that a plan may carry
-FINER = 8  # times the NLP's own steps, for the re-simulation
 TIGHTENINGS = 4
 FURTHER = 1.5  # times what breaks a bound between the nodes is what it is moved by
 BETWEEN_NODES = (
@@ -113,7 +112,7 @@ class Run:
                     f"the guess is where the {guess.origin.solver} solver ended as {guess.origin.outcome.value}: "
                     + guess.origin.message
                 )
-        steps = self.solver.steps_per_interval or self._enough_steps(guess.control)
+        steps = self.solver.steps_per_interval or self._steps_for(guess.control)
         programme, optimum = self._refine(*self._harden(*self._optimise(guess, steps, None)))
         plan = programme.unpack(optimum.x)
         motion = simulate(self.problem, plan.control)
@@ -188,13 +187,10 @@ class Run:
         left = limit - k if limit else None
         return {"tolerance": self.solver.tolerance, "phase": phase, "at_most": left, "expected": None}
 
-    def _enough_steps(self, control: Control) -> int:
+    def _steps_for(self, control: Control) -> int:
         """The least number of RK4 steps per interval that integrates the guess well enough."""
         steps = 1
-        while (
-            steps < MOST_STEPS
-            and self._resimulation_gap(control, steps) > RESIMULATION_SHARE * self.solver.tolerance
-        ):
+        while steps < MOST_STEPS and self._resimulation_gap(control, steps) > ALLOWED * self.solver.tolerance:
             steps *= 2
         return steps
 
@@ -203,7 +199,7 @@ class Run:
         return meets(self.problem, control, self.solver.intervals, steps)
 
     def _resimulation_gap(self, control: Control, steps: int) -> float:
-        """Distance at the end and the via poses with ``steps`` and with ``FINER`` times as many steps per interval."""
+        """Distance at the end and the via poses with ``steps`` and with `FINER` times as many steps per interval."""
         coarse, fine = (self._meets(control, n) for n in (steps, FINER * steps))
         if not (np.isfinite(coarse).all() and np.isfinite(fine).all()):
             return np.inf
@@ -231,7 +227,7 @@ class Run:
             plan = programme.unpack(optimum.x)
             gap = self._resimulation_gap(plan.control, programme.steps)
             self.details["resimulated_gap"] = gap
-            if gap <= RESIMULATION_SHARE * self.solver.tolerance or programme.steps >= MOST_STEPS:
+            if gap <= ALLOWED * self.solver.tolerance or programme.steps >= MOST_STEPS:
                 break
             programme, optimum = self._optimise(plan, 2 * programme.steps, (programme, optimum))
         return programme, optimum
