@@ -9,17 +9,16 @@ from time import perf_counter
 import numpy as np
 
 from nhpocp.arrays import Array
-from nhpocp.constraints import check_bounds
 from nhpocp.deferred import at_hand
 from nhpocp.flow.simulation import simulate
-from nhpocp.foreseen import contradiction, endless
+from nhpocp.foreseen import broken_poses, contradiction, endless
 from nhpocp.interruption import STOPPED, Interruption
 from nhpocp.kept import let_go
 from nhpocp.problem import PlanningProblem
 from nhpocp.scales import coarse
 from nhpocp.solution import Outcome, Progress, Solution, Solver
 from nhpocp.solvers.unsolved import unsolved
-from nhpocp.systems.numeric import NumericSystem, numeric_system
+from nhpocp.systems.numeric import numeric_system
 from nhpocp.verification import verify
 
 ON_THE_SURFACE = 1e-9  # σ_min below which the sign of a determinant is rounding
@@ -94,15 +93,11 @@ def default_solver(problem: PlanningProblem) -> Solver:
 
 def refused(problem: PlanningProblem, solver: Solver) -> Solution | None:
     """The ending of a task that no path of this machine performs, recognised from its poses alone."""
-    if broken := _broken_values(problem):
-        return _refused(problem, solver, Outcome.INFEASIBLE, f"{broken}. {Outcome.INFEASIBLE.advice}")
     if missed := _missed_by_the_drift(problem, solver):
         return _refused(problem, solver, Outcome.NOT_REACHED, f"{missed}. There is no control to search for.")
-    numeric = numeric_system(problem.system)
-    ends = np.array([problem.start_point, *([problem.goal_point] if problem.goal_is_a_pose else [])])
     sentences = {
-        Outcome.INFEASIBLE: contradiction(problem) or _broken_bounds(problem, numeric, ends),
-        Outcome.OTHER_COMPONENT: _opposite_signs(problem, numeric, ends) if problem.goal_is_a_pose else "",
+        Outcome.INFEASIBLE: contradiction(problem) or _broken_bounds(problem),
+        Outcome.OTHER_COMPONENT: _opposite_signs(problem) if problem.goal_is_a_pose else "",
     }
     for outcome, sentence in sentences.items():
         if sentence:
@@ -125,53 +120,30 @@ def _missed_by_the_drift(problem: PlanningProblem, solver: Solver) -> str:
     return f"{problem.system.model} has no inputs, and its drift ends E = {error:.3g} from the goal at t = {horizon:g}"
 
 
-def _broken_values(problem: PlanningProblem) -> str:
-    """Values of the goal, where it leaves something free, and of the via poses that break a bound themselves."""
-    sentences = []
-    for task in problem.tasks:
-        if task.share == 1.0 and set(task.values) == set(problem.system.state_space.names):
-            continue  # `_broken_bounds` knows more of a whole pose
-        values = {name: np.asarray(value)[None] for name, value in task.values.items()}
-        bounds = [bound for bound in problem.bounds if bound.quantity in values]
-        named = "goal" if task.share == 1.0 else f"via pose at {task.share:g}"
-        sentences += [
-            f"the {named} itself breaks {report.name}, which is {report.value:.4g}, {report.limit_words()}"
-            for report in check_bounds(bounds, np.array([task.share]), values)
-            if not report.ok
-        ]
-    return "; ".join(sentences)
-
-
-def _broken_bounds(problem: PlanningProblem, numeric: NumericSystem, ends: Array) -> str:
-    """Bounds on quantities of the pose alone that the start or the goal itself breaks."""
-    if not problem.bounds:
-        return ""
-    inputs = problem.system.input_space.size
-    still, moving = (
-        numeric.trajectory(ends, np.full((len(ends), inputs), value), problem.scale) for value in (0.0, 1.0)
-    )
-    times = np.array([0.0, problem.horizon.first])[: len(ends)]
-    of_the_pose = [b for b in problem.bounds if np.array_equal(still[b.quantity], moving[b.quantity])]
-    reports = [report for report in check_bounds(of_the_pose, times, still) if not report.ok]
+def _broken_bounds(problem: PlanningProblem) -> str:
+    """The poses that break a bound themselves, in words."""
+    names = {f"via[{i}]": f"via pose at {via.share:g}" for i, via in enumerate(problem.via)}
     return "; ".join(
-        f"the {'start' if report.time == 0 else 'goal'} itself breaks {report.name}, which is {report.value:.4g}, "
+        f"the {names.get(place, place)} itself breaks {report.name}, which is {report.value:.4g}, "
         + report.limit_words()
-        for report in reports
+        for place, report in broken_poses(problem)
     )
 
 
-def _opposite_signs(problem: PlanningProblem, numeric: NumericSystem, ends: Array) -> str:
+def _opposite_signs(problem: PlanningProblem) -> str:
     """Determinants that no path of the machine changes for good, and that differ in sign at the goal."""
-    determinants, system = numeric.determinants(ends), problem.system
+    numeric, system = numeric_system(problem.system), problem.system
+    ends = np.array([problem.start_point, problem.goal_point])
+    determinants = numeric.determinants(ends)
     sentences = {}
     for name in system.separating():
         first, last = determinants[name]
         if first * last < 0 and numeric.sigmas(ends, problem.scale)[name].min() > ON_THE_SURFACE:
             sentences[name] = f"det {name.upper()} is {first:.3g} at the start and {last:.3g} at the goal"
-    sentence = "; ".join(sentences.values())
-    if sentence and (actuated := system.actuated()) and not set(sentences) & set(actuated[0].separating()):
-        sentence += ", which eq. (7) cannot cross; `form: original` may"
-    return sentence
+    words = "; ".join(sentences.values())
+    if words and (actuated := system.actuated()) and not set(sentences) & set(actuated[0].separating()):
+        words += ", which eq. (7) cannot cross; `form: original` may"
+    return words
 
 
 def _refused(problem: PlanningProblem, solver: Solver, outcome: Outcome, message: str) -> Solution:

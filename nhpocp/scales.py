@@ -2,7 +2,6 @@
 
 A problem in other units is the same problem, with lengths × s and times × τ. Its length and time here are then × s and
 × τ exactly, so that whatever is divided by a scale is the same number in every unit. Solvers work on such numbers only.
-Plain Python where it is made, since `nhpocp check` has to answer before NumPy would have been imported.
 """
 
 from __future__ import annotations

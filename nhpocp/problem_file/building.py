@@ -7,27 +7,23 @@ answered with what is.
 from __future__ import annotations
 
 import importlib
-import importlib.util
 from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path as FilePath
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from nhpocp.errors import InvalidProblemError, MissingDependencyError
+from pydantic import ValidationError
+
+from nhpocp.controls.basis import ControlBasis
+from nhpocp.controls.control import Control
+from nhpocp.errors import InvalidProblemError, MissingDependencyError, refuse
+from nhpocp.objectives import available
+from nhpocp.problem import Horizon, PlanningProblem, Via
+from nhpocp.problem_file.bounds import bounds_of
 from nhpocp.problem_file.control import ControlBlock
-from nhpocp.problem_file.plugins import words
-from nhpocp.problem_file.reading import ProblemFile, read, read_text
-from nhpocp.problem_file.registry import SYSTEMS
+from nhpocp.problem_file.messages import translate
 from nhpocp.problem_file.schema import FreeHorizon, ProblemData
 from nhpocp.problem_file.settings import JacobianSettings, NlpSettings
 from nhpocp.problem_file.states import plain_state
-from nhpocp.provenance import c_compiler, without_compiler
-
-if TYPE_CHECKING:
-    from nhpocp.constraints import Bound
-    from nhpocp.controls.basis import ControlBasis
-    from nhpocp.controls.control import Control
-    from nhpocp.problem import PlanningProblem
-    from nhpocp.systems.system import System
+from nhpocp.systems.system import System
 
 # key -> name in the file -> "module:Class"
 AVAILABLE: dict[str, dict[str, str]] = {
@@ -84,79 +80,58 @@ AVAILABLE: dict[str, dict[str, str]] = {
 }
 
 
-def load_problem(path: str | FilePath, overrides: Sequence[str] = ()) -> PlanningProblem:
-    """The problem that a file describes.
+def assembled(data: ProblemData, system: System, text: str) -> PlanningProblem:
+    """The problem of a file, without its solvers.
 
-    Errors: `InvalidProblemError` with file, line and column.
+    Errors: `InvalidProblemError` for everything in it that does not fit together, by its path in the file; `others`.
     """
-    return build(read(path, overrides))
+    wrong: list[InvalidProblemError] = []
 
+    def part(make: Callable[[], Any], instead: Any) -> Any:
+        try:
+            return make()
+        except InvalidProblemError as error:
+            wrong.extend((error, *error.others))
+            return instead
 
-def parse_problem(text: str, file: str | None = None, overrides: Sequence[str] = ()) -> PlanningProblem:
-    """The same from a text."""
-    return build(read_text(text, file, overrides))
-
-
-def build(file: ProblemFile) -> PlanningProblem:
-    """The problem of a validated file."""
-    from nhpocp.problem import Horizon, PlanningProblem, Via
-
-    data, system = file.data, file.system
-    horizon = data.horizon
-    try:
-        problem = PlanningProblem(
+    chosen, known = data.solvers.jacobian.objective, available(system)
+    if chosen not in ("none", *known):
+        words = f"{chosen!r} is none of {', '.join(known)}, the objectives of {system.model}; or write none"
+        wrong.append(InvalidProblemError(words, path="solvers.jacobian.objective"))
+    problem = part(
+        lambda: PlanningProblem(
             system=system,
             start=plain_state(data.start),
             goal=plain_state(data.goal),
             name=data.name or "problem",
-            horizon=(
-                Horizon(initial=horizon.initial, minimum=horizon.min, maximum=horizon.max)
-                if isinstance(horizon, FreeHorizon)
-                else Horizon(initial=horizon)
-            ),
+            horizon=part(lambda: _horizon(data.horizon), Horizon()),
             basis=build_basis(data.control),
             initial=None if data.control.initial == "auto" else data.control.initial,
             objective=data.objective,
             error_length=data.error_length,
             length_scale=data.length_scale,
-            via=[Via(via.at, plain_state(via.values)) for via in data.via],
-            bounds=build_bounds(data, system),
-            solvers=_build_solvers(data),
+            via=[Via(data.via[i].at, plain_state(data.via[i].values)) for i in via_order(data)],
+            bounds=part(lambda: bounds_of(data.constraints, system), []),
             samples=data.output.samples,
             pictures=data.output.pictures,
             reference=data.reference.model_dump(exclude_none=True),
-            source=file.text,
-        )
-        if system.model not in SYSTEMS:
-            _try_out(problem)
-    except InvalidProblemError as error:
-        raise file.located(error) from None
+            source=text,
+        ),
+        None,
+    )
+    refuse(wrong)
     return problem
 
 
-def _try_out(problem: PlanningProblem) -> None:
-    """Asks a system from elsewhere for its velocity, in numbers and in symbols, before any solver does."""
-    import numpy as np
+def via_order(data: ProblemData) -> list[int]:
+    """The places of the via poses in the file, in the order of time: that of the problem."""
+    return sorted(range(len(data.via)), key=lambda i: data.via[i].at)
 
-    from nhpocp.systems.numeric import numeric_system
 
-    system, point, control = problem.system, problem.start_point, np.ones(problem.system.input_space.size)
-    try:
-        velocity = np.asarray(system.velocity(point, control), dtype=float)
-        rate = np.array(numeric_system(system).rate_function(point, control)).ravel()
-        shape = velocity.shape
-        agree = shape == (system.state_space.dimension,) and np.allclose(
-            rate, np.asarray(system.state_space.lift(point, velocity)), equal_nan=True
-        )
-    except Exception as error:
-        fault = f"the equations of {system.model} fail at the start: {words(error)}"
-        raise InvalidProblemError(fault, path="system.model") from error
-    if not agree:  # float() of a CasADi symbol is NaN and no error
-        fault = (
-            f"the velocity of {system.model} at the start is {velocity} in NumPy's numbers, but CasADi's expressions "
-            f"give the rate {rate}; expected the same, {system.state_space.dimension} numbers of velocity"
-        )
-        raise InvalidProblemError(fault, path="system.model")
+def _horizon(given: float | FreeHorizon) -> Horizon:
+    if isinstance(given, FreeHorizon):
+        return Horizon(initial=given.initial, minimum=given.min, maximum=given.max)
+    return Horizon(initial=given)
 
 
 def _available(key: str, name: str) -> Callable[..., Any]:
@@ -165,19 +140,19 @@ def _available(key: str, name: str) -> Callable[..., Any]:
     if name not in known:
         raise InvalidProblemError(_not_available(key, name, list(known)), path=key)
     module, _, attribute = known[name].partition(":")
-    found: Callable[..., Any] = getattr(importlib.import_module(module), attribute)
-    return found
+    named: Callable[..., Any] = getattr(importlib.import_module(module), attribute)
+    return named
 
 
 def _not_available(key: str, value: Any, known: Sequence[Any]) -> str:
     setting = key.rpartition(".")[2]
-    return f"{setting} {value!r} is not available in this version; available: {', '.join(map(str, known))}"
+    return f"no {setting} is called {value!r}; available: {', '.join(map(str, known))}"
 
 
 def build_basis(data: ControlBlock) -> ControlBasis:
     """The basis of a `control` block."""
-    found: ControlBasis = _available("control.basis", data.basis)(**data.parameters())
-    return found
+    basis: ControlBasis = _available("control.basis", data.basis)(**data.parameters())
+    return basis
 
 
 def control_from_json(data: Mapping[str, Any]) -> Control:
@@ -185,8 +160,6 @@ def control_from_json(data: Mapping[str, Any]) -> Control:
 
     Errors: `InvalidProblemError` for a basis that this version does not have, or data that is none.
     """
-    from nhpocp.controls.control import Control
-
     try:
         basis, coefficients = _available("control.basis", data["basis"]).from_json(data)  # type: ignore[attr-defined]
         return Control(basis, coefficients, float(data["horizon"]))
@@ -194,8 +167,10 @@ def control_from_json(data: Mapping[str, Any]) -> Control:
         raise InvalidProblemError(f"no control in {type(error).__name__}: {error}", path="control") from None
 
 
-def _build_solvers(data: ProblemData) -> dict[str, Any]:
+def build_solvers(data: ProblemData) -> dict[str, Any]:
     """Both solvers; the NLP's `initial: jacobian` is the file's own Jacobian method."""
+    from nhpocp.provenance import c_compiler, without_compiler
+
     if data.solvers.compile == "always" and not c_compiler():
         raise MissingDependencyError(
             f"solvers.compile: `always` needs a C compiler, but {without_compiler()}; install one, or write `auto`"
@@ -224,16 +199,10 @@ def build_solver(
 
 
 def _validated(name: str, model: type[Any], data: Any) -> Any:
-    from pydantic import ValidationError
-
-    from nhpocp.problem_file.issues import dotted
-    from nhpocp.problem_file.messages import translate
-
     try:
         return model.model_validate(dict(data))
     except ValidationError as error:
-        issue = translate(error, model)[0].under(("solvers", name))
-        raise InvalidProblemError(issue.words, path=dotted(issue.path)) from None
+        raise translate(error, model)[0].under(f"solvers.{name}") from None
 
 
 def _build_jacobian(data: JacobianSettings, _: Any, kernels: Any) -> Any:
@@ -292,54 +261,3 @@ _BUILDERS: dict[str, tuple[type[Any], Callable[[Any, Any, Any], Any]]] = {
     "jacobian": (JacobianSettings, _build_jacobian),
     "nlp": (NlpSettings, _build_nlp),
 }
-
-
-def build_bounds(data: ProblemData, system: System) -> list[Bound]:
-    """The `constraints` block as bounds on named quantities."""
-    from nhpocp.constraints import Bound
-
-    given, bounds = data.constraints, []
-    if given.leg_length is not None:
-        bounds.append(Bound("leg_length", "leg_lengths", *_sides(given.leg_length)))
-    if given.leg_speed is not None:
-        bounds.append(Bound("leg_speed", "u", -given.leg_speed, given.leg_speed))
-    if given.control is not None:
-        bounds += _control_bounds(given.control, system)
-    if given.clearance is not None:
-        start = system.state_space.pack(plain_state(data.start))
-        bounds += [
-            Bound(f"clearance.sigma_{which}", f"sigma_{which}", given.clearance)
-            for which in system.regularity(start)
-        ]
-    for name, bound in (given.state or {}).items():
-        bounds.append(Bound(f"state.{name}", name, *_sides(bound)))
-    return bounds
-
-
-def _control_bounds(given: float | list[list[float | None]], system: System) -> list[Bound]:
-    """One bound per input block; ``given`` counts single inputs."""
-    from nhpocp.constraints import Bound
-
-    blocks, bounds, first = system.input_space.blocks, [], 0
-    for block in blocks:
-        label = "control" if len(blocks) == 1 else f"control.{block.name}"
-        if isinstance(given, list):
-            pairs = given[first : first + block.size]
-            columns = [[pair[side] for pair in pairs] for side in (0, 1)]
-            low, high = _sides(columns if block.kind == "vector" else [column[0] for column in columns])
-        else:
-            low, high = -given, given
-        bounds.append(Bound(label, block.name, low, high))
-        first += block.size
-    return bounds
-
-
-def _sides(pair: Sequence[Any]) -> tuple[Any, Any]:
-    """Lower and upper bounds; an open side is infinite."""
-
-    def closed(value: Any, infinite: float) -> Any:
-        if isinstance(value, list):
-            return [closed(x, infinite) for x in value]
-        return infinite if value is None else value
-
-    return closed(pair[0], float("-inf")), closed(pair[1], float("inf"))

@@ -9,6 +9,7 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from nhpocp.errors import InvalidProblemError
+from nhpocp.poses import goal_blocks
 from nhpocp.problem_file.reading import read_text
 from nhpocp.problem_file.settings import JacobianSettings, NlpSettings
 
@@ -54,7 +55,7 @@ def _sources(problem: PlanningProblem) -> Iterator[str]:
 
 def _meaning(text: str) -> dict[str, Any] | None:
     """What a problem file says, in the words of `_data`; None where it is no problem file."""
-    from nhpocp.problem_file.building import parse_problem
+    from nhpocp.problem_file.reading import parse_problem
 
     try:
         return _data(parse_problem(text), {})
@@ -99,8 +100,7 @@ def _without_none(data: dict[str, Any]) -> dict[str, Any]:
 def _state(problem: PlanningProblem, values: Any) -> dict[str, Any]:
     import numpy as np
 
-    system = problem.system
-    kinds = {block.name: block.kind for block in [*system.state_space.blocks, *system.pose_outputs]}
+    kinds = {block.name: block.kind for block in goal_blocks(problem.system)}
     plain = {name: np.asarray(value, dtype=float).tolist() for name, value in values.items()}
     return {name: {"matrix": value} if kinds[name] == "rotation" else value for name, value in plain.items()}
 
@@ -131,21 +131,21 @@ def _buildable(name: str, settings: Mapping[str, Any]) -> bool:
 
 
 def _constraints(problem: PlanningProblem) -> dict[str, Any]:
-    found: dict[str, Any] = {}
+    written: dict[str, Any] = {}
     pairs: list[Any] = []  # of `control`, one per input
     for bound in problem.bounds:
         label, _, rest = bound.label.partition(".")
         low, high = _open(bound.lower), _open(bound.upper)
         if label == "leg_length":
-            found[label] = [low, high]
+            written[label] = [low, high]
         elif label == "leg_speed":
-            found[label] = _symmetric(bound, low, high)
+            written[label] = _symmetric(bound, low, high)
         elif label == "clearance":
-            found[label] = low
+            written[label] = low
         elif label == "control":
             pairs += _pairs(problem, bound, low, high)
         elif label == "state":
-            found.setdefault(label, {})[rest] = _lists(low, high)
+            written.setdefault(label, {})[rest] = _lists(low, high)
         else:
             raise InvalidProblemError(
                 f"a problem file has no word for the bound {bound.label!r}; expected one of leg_length, leg_speed, "
@@ -153,8 +153,8 @@ def _constraints(problem: PlanningProblem) -> dict[str, Any]:
                 path="constraints",
             )
     if pairs:
-        found["control"] = pairs
-    return found
+        written["control"] = pairs
+    return written
 
 
 def _pairs(problem: PlanningProblem, bound: Bound, low: Any, high: Any) -> list[Any]:

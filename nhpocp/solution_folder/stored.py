@@ -14,9 +14,8 @@ from pydantic import (
     model_validator,
 )
 
-from nhpocp.errors import UnreadableSolutionError
-from nhpocp.problem_file.issues import Issue, Refusal, dotted
-from nhpocp.problem_file.numbers import describe
+from nhpocp.errors import InvalidProblemError, UnreadableSolutionError, describe
+from nhpocp.problem_file.document import dotted
 from nhpocp.solution import Outcome
 from nhpocp.solution_folder.plain_data import SCHEMA_VERSION
 
@@ -129,7 +128,7 @@ class StoredSolution(Stored):
     def _gamma_is_a_number(cls, settings: dict[str, Any]) -> dict[str, Any]:
         gamma = settings.get("gamma")
         if gamma is not None and not isinstance(gamma, float | int):
-            raise Refusal([Issue(("gamma",), f"expected a number, got {describe(gamma)}")])
+            raise InvalidProblemError(f"expected a number, got {describe(gamma)}", path="gamma")
         return settings
 
     @model_validator(mode="after")
@@ -138,7 +137,7 @@ class StoredSolution(Stored):
         asked = self.settings.get("tolerance")
         if asked != self.tolerance:
             came = f"{self.tolerance:g}, but settings.tolerance is {describe(asked)}"
-            raise Refusal([Issue(("tolerance",), came)])
+            raise InvalidProblemError(came, path="tolerance")
         return self
 
 
@@ -168,8 +167,8 @@ def parse_stored(text: bytes, file: str) -> StoredSolution:
         detail: Any = error.errors(include_url=False)[0]
     kind, path, context = detail["type"], detail["loc"], detail.get("ctx") or {}
     cause = context.get("error")
-    if isinstance(cause, Refusal):
-        path, message = (*path, *cause.issues[0].path), cause.issues[0].message
+    if isinstance(cause, InvalidProblemError):
+        path, message = (*path, cause.path), cause.message
     elif kind == "json_invalid":
         message = f"damaged: this is not JSON: {cause}"
     elif kind == "missing":
