@@ -19,6 +19,7 @@ from nhpocp import planning
 from nhpocp.errors import InvalidProblemError, NhpocpError
 from nhpocp.flow.simulation import simulate
 from nhpocp.interruption import Interruption
+from nhpocp.objectives.registry import OBJECTIVES, costs_of_motion, exact_costs
 from nhpocp.problem import PlanningProblem
 from nhpocp.provenance import machine, peak_memory, reset_peak_memory
 from nhpocp.solution import Outcome, Progress, Solution, Solver, telling
@@ -73,11 +74,9 @@ class Entry:
     def objective_value(self) -> float:
         """What the problem's own objective says of the motion, whatever the solver minimised; NaN where unknown."""
         solution = self.solution
-        if solution.problem.objective == "time":
-            return solution.control.horizon
-        if solution.problem.objective == "effort":
-            return solution.control.effort
-        return float(solution.costs.get(solution.problem.objective, math.nan))
+        name = solution.problem.objective
+        exact = OBJECTIVES[name].of_control(solution.control)
+        return float(solution.costs.get(name, math.nan)) if exact is None else exact
 
     @property
     def machine(self) -> Mapping[str, Any]:
@@ -276,7 +275,7 @@ def _failure(run: Run, error: Exception, seconds: float) -> Solution:
 def _row(entry: Entry, best: float | None) -> dict[str, Any]:
     solution, verdict = entry.solution, entry.solution.verdict
     timing = solution.timing
-    motion = _motion(entry) if entry.tried else dict.fromkeys(MOTION)
+    motion = _motion(entry) if entry.tried else dict.fromkeys(costs_of_motion())
     value = entry.objective_value
     comparable = solution.converged and best is not None and best > 0
     row = {
@@ -305,13 +304,12 @@ def _row(entry: Entry, best: float | None) -> dict[str, Any]:
     return {key: _finite(item) for key, item in row.items()}
 
 
-MOTION = ("effort", "leg_effort", "path_length")
 EXTREMES = ("least_sigma_s", "least_sigma_w", "leg_length_min", "leg_length_max", "peak_leg_speed")
 
 
 def _motion(entry: Entry) -> dict[str, float | None]:
     costs = entry.solution.costs
-    return {**{name: costs.get(name) for name in MOTION}, "effort": entry.solution.control.effort}
+    return {name: costs.get(name) for name in costs_of_motion()} | exact_costs(entry.solution.control)
 
 
 def _extremes(entry: Entry) -> dict[str, float | None]:

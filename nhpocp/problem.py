@@ -16,7 +16,7 @@ from nhpocp.controls.control import Control
 from nhpocp.controls.fourier import Fourier
 from nhpocp.errors import InvalidProblemError
 from nhpocp.frozen import FixedDict, Frozen, fixed
-from nhpocp.objectives import available
+from nhpocp.objectives.registry import OBJECTIVES, available
 from nhpocp.scales import Scales, natural_scales
 from nhpocp.state_space import Block, StateSpace
 from nhpocp.systems.numeric import numeric_system
@@ -121,11 +121,14 @@ class PlanningProblem(Frozen):
     def __post_init__(self) -> None:
         self.start = checked_state(self.system.state_space, self.start)
         self.goal = checked_goal(self.system, self.goal, "goal")
-        if self.objective not in (known := [*available(self.system), "time"]):
+        known = [objective.name for objective in available(self.system)]
+        if self.objective not in known:
             raise InvalidProblemError(
                 f"{self.objective!r} is none of {', '.join(known)}, the objectives of {self.system.model}",
                 path="objective",
             )
+        if words := OBJECTIVES[self.objective].lacking_control(self.basis):
+            raise InvalidProblemError(words, path="objective")
         for name in ("error_length", "length_scale"):
             value = getattr(self, name)
             if value is not None and not (np.isfinite(value) and value > 0):

@@ -35,6 +35,16 @@ class Checked:
         return dict(self.schema)
 
 
+class Choice:
+    """Annotation of a field: one of these names, those of a `Family` say."""
+
+    def __init__(self, *names: str) -> None:
+        self.names = names
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> CoreSchema:
+        return core_schema.literal_schema(list(self.names))
+
+
 def describe(value: Any) -> str:
     """A value from a file in plain words, for error messages."""
     if value is None:

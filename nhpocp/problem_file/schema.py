@@ -5,7 +5,7 @@ from __future__ import annotations
 from bisect import bisect
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import (
     BeforeValidator,
@@ -15,15 +15,18 @@ from pydantic import (
     StrictBool,
     Tag,
     ValidationInfo,
+    create_model,
     field_validator,
     model_validator,
 )
 
+from nhpocp.objectives.registry import OBJECTIVES, costs_of_motion
 from nhpocp.problem_file.constraints import Constraints, check_constraints
 from nhpocp.problem_file.control import ControlData, FourierControl
 from nhpocp.problem_file.issues import Issue, Refusal
 from nhpocp.problem_file.numbers import (
     Checked,
+    Choice,
     Number,
     Positive,
     Samples,
@@ -56,11 +59,13 @@ class Context:
     def input_space(self) -> StateSpace:
         return self.system.input_space
 
-    @property
-    def no_legs(self) -> str | None:
-        """Words for what needs legs, where the system is known to have none."""
-        legless = self.outputs is not None and "leg_lengths" not in self.outputs
-        return f"the system {self.system.model} has no legs, so no leg speeds" if legless else None
+    def misfit(self, objective: str, others: Sequence[str]) -> str:
+        """What is wrong with an objective for the system, which may have one of the ``others``; empty if nothing."""
+        words = OBJECTIVES[objective].lacking(self.system) if objective in OBJECTIVES else ""
+        known = [
+            name for name in others if name not in OBJECTIVES or not OBJECTIVES[name].lacking(self.system)
+        ]
+        return f"{words}; expected one of {', '.join(known)}" if words else ""
 
 
 def _version(value: Any) -> int:
@@ -143,20 +148,29 @@ class Output(Strict):
 class ReferenceValues(Strict):
     """What one solver is known to find."""
 
-    effort: Number | None = Field(default=None, description="∫|control|² dt")
-    leg_effort: Number | None = Field(default=None, description="∫|u|² dt")
-    path_length: Number | None = Field(default=None, description="length of the path")
     horizon: Number | None = Field(default=None, description="duration, where it is free")
     iterations: Whole | None = Field(default=None, description="updates")
     evaluations: Whole | None = Field(default=None, description="evaluated controls")
     tolerance: Positive | None = Field(default=None, description="relative, for this solver alone")
 
 
+_COSTS: dict[str, Any] = {
+    name: (Number | None, Field(default=None, description=OBJECTIVES[name].meaning))
+    for name in costs_of_motion()
+}
+if TYPE_CHECKING:
+    _Values = ReferenceValues
+else:
+    _Values = create_model(
+        "ReferenceValues", __base__=ReferenceValues, __doc__=ReferenceValues.__doc__, **_COSTS
+    )
+
+
 class Reference(Strict):
     """Known results, read by tests and benchmarks."""
 
-    jacobian: ReferenceValues | None = Field(default=None, description="of the Jacobian method")
-    nlp: ReferenceValues | None = Field(default=None, description="of the NLP")
+    jacobian: _Values | None = Field(default=None, description="of the Jacobian method")
+    nlp: _Values | None = Field(default=None, description="of the NLP")
     tolerance: Positive | None = Field(default=None, description="relative")
     source: Text | None = Field(default=None, description="where the numbers come from")
 
@@ -192,8 +206,9 @@ class ProblemData(Strict):
         default_factory=lambda: FourierControl(),
         description="basis of the control, and the control to begin with",
     )
-    objective: Literal["effort", "leg_effort", "path_length", "time"] = Field(
-        default="effort", description="effort ∫|control|², leg_effort ∫|u|², path_length, time"
+    objective: Annotated[str, Choice(*OBJECTIVES)] = Field(
+        default="effort",
+        description=", ".join(f"{name} {cost.formula}".rstrip() for name, cost in OBJECTIVES.items()),
     )
     error_length: Positive = Field(default=1.0, description="length that counts as much as one radian in E")
     length_scale: Positive | None = Field(
@@ -234,18 +249,16 @@ class ProblemData(Strict):
     @field_validator("objective")
     @classmethod
     def _objective_fits(cls, value: str, info: ValidationInfo) -> str:
-        if value == "leg_effort" and info.context and (words := info.context.no_legs):
-            raise ValueError(f"{words}; expected one of effort, path_length, time")
+        if info.context and (words := info.context.misfit(value, list(OBJECTIVES))):
+            raise ValueError(words)
         return value
 
     @field_validator("solvers")
     @classmethod
     def _solvers_fit(cls, value: Solvers, info: ValidationInfo) -> Solvers:
-        words = info.context.no_legs if info.context else None
-        if words and value.jacobian.objective == "leg_effort":
-            raise Refusal(
-                [Issue(("jacobian", "objective"), f"{words}; expected one of none, effort, path_length")]
-            )
+        objectives = ["none", *costs_of_motion()]
+        if info.context and (words := info.context.misfit(value.jacobian.objective, objectives)):
+            raise Refusal([Issue(("jacobian", "objective"), words)])
         return value
 
     @field_validator("via")

@@ -6,7 +6,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field
 
-from nhpocp.problem_file.numbers import AutoOrCount, Count, Positive, Whole
+from nhpocp.objectives.registry import costs_of_motion
+from nhpocp.problem_file.numbers import AutoOrCount, Choice, Count, Positive, Whole
 from nhpocp.problem_file.states import Strict
 
 
@@ -42,7 +43,7 @@ class JacobianSettings(Strict):
         default="automatic",
         description="the end point's Jacobian: by differentiating the integrator, or by (11)-(12)",
     )
-    objective: Literal["none", "effort", "leg_effort", "path_length"] = Field(
+    objective: Annotated[str, Choice("none", *costs_of_motion())] = Field(
         default="none", description="what the null-space phase minimises"
     )
     starts: Count = Field(default=1, description="tries: the file's control, then seeded ones")

@@ -14,6 +14,7 @@ from typing import Any, get_args
 from pydantic.fields import FieldInfo
 
 from nhpocp.problem_file.control import BASES
+from nhpocp.problem_file.numbers import Choice
 from nhpocp.problem_file.registry import system_class
 from nhpocp.problem_file.schema import Output, ProblemData
 from nhpocp.problem_file.settings import JacobianSettings, NlpSettings, Solvers
@@ -107,9 +108,9 @@ def _options(model: type[Strict], names: Sequence[str], indent: str = "") -> Ite
 
 
 def _choices(field: FieldInfo) -> str:
-    return _other_names(
-        [name for name in get_args(field.annotation) if isinstance(name, str)], field.description or ""
-    )
+    choices = [name for part in field.metadata if isinstance(part, Choice) for name in part.names]
+    literals = [name for name in get_args(field.annotation) if isinstance(name, str)]
+    return _other_names(choices or literals, field.description or "")
 
 
 def _other_names(names: Sequence[str], meaning: str) -> str:

@@ -31,7 +31,6 @@ from nhpocp.whole import sweep
 
 LARGEST_FILE = 200_000_000  # bytes; 100 000 samples of a robot are 100 MB
 NEEDED = ("solution.json", "problem.yaml", "arrays.npz")
-COSTS = ("effort", "leg_effort", "path_length")
 SAME = 1e-9  # relative, between the two copies of the trajectory
 # what the zip and npy readers answer to damaged files; a header may also claim an array larger than the memory
 DAMAGE = (
@@ -231,7 +230,6 @@ def _solution(
 ) -> Solution:
     verdict = _verdict(stored, stored.verified, problem) if stored.verified else None
     later = set(verdict.warnings) if verdict else set()
-    costs = {name: getattr(stored, name) for name in COSTS}
     return Solution(
         problem=problem,
         solver=stored.solver,
@@ -242,7 +240,7 @@ def _solution(
         final_error=_number(stored.final_error),
         control=control,
         trajectory=arrays,
-        costs={name: value for name, value in costs.items() if value is not None},
+        costs=stored.costs,
         iterations=[record.model_dump(exclude_unset=True) for record in stored.iterations],
         evaluations=stored.evaluations,
         objective=stored.objective,

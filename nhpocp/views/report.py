@@ -11,6 +11,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
 from nhpocp.comparison import Comparison, Entry, Group
+from nhpocp.objectives.registry import OBJECTIVES, costs_of_motion
 from nhpocp.views import report_words as words
 from nhpocp.views.overlays import Overlay, overlays
 from nhpocp.views.readout import readout
@@ -153,8 +154,7 @@ def _legs(row: Row) -> Markup:
 
 def _measures(group: Group) -> dict[str, list[Measure]]:
     """The table's rows under their headings."""
-    label = group.problem.system.input_label()
-    control = label if isinstance(label, str) else "control"
+    costs = [OBJECTIVES[name] for name in costs_of_motion()]
     goal = Markup("optimality gap in {}").format(words.cost_symbol(group.problem))
     return {
         "Ending": [
@@ -164,9 +164,7 @@ def _measures(group: Group) -> dict[str, list[Measure]]:
             (Markup("tolerance of <i>E</i>"), lambda row: words.given(row["tolerance"])),
         ],
         "Cost": [
-            (Markup("effort ∫|{}|² d<i>t</i>").format(control), _number("effort", 6)),
-            (Markup("leg effort ∫|u|² d<i>t</i>"), _number("leg_effort", 6)),
-            ("path length", _number("path_length", 5)),
+            *((words.cost_row(cost, group.problem), _number(cost.name, cost.digits)) for cost in costs),
             (goal, lambda row: words.percent(row["optimality_gap"])),
         ],
         "Along the path": [

@@ -12,6 +12,8 @@ from markupsafe import Markup
 
 from nhpocp import so3
 from nhpocp.comparison import Entry, Group
+from nhpocp.objectives.objective import Objective
+from nhpocp.objectives.registry import OBJECTIVES
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Outcome
 
@@ -87,14 +89,20 @@ def _start(sentence: Markup) -> Markup:
 
 def cost_symbol(problem: PlanningProblem) -> Markup:
     """The objective as mathematics."""
+    return symbol(OBJECTIVES[problem.objective], problem)
+
+
+def symbol(objective: Objective, problem: PlanningProblem) -> Markup:
+    """A cost as mathematics, its times in italics."""
     label = problem.system.input_label()
-    control = label if isinstance(label, str) else "control"
-    return {
-        "effort": Markup("∫|{}|² d<i>t</i>").format(control),
-        "leg_effort": Markup("∫|u|² d<i>t</i>"),
-        "path_length": Markup("path length"),
-        "time": Markup("duration <i>T</i>"),
-    }[problem.objective]
+    text = objective.symbol.format(control=label if isinstance(label, str) else "control")
+    return Markup(re.sub(r"\b(d?)([tT])\b", r"\1<i>\2</i>", str(Markup.escape(text))))
+
+
+def cost_row(objective: Objective, problem: PlanningProblem) -> Markup:
+    """The heading of a cost's row: its name and, where that is more, its symbol."""
+    name, mathematics = Markup.escape(objective.name.replace("_", " ")), symbol(objective, problem)
+    return mathematics if mathematics.startswith(name) else name + " " + mathematics
 
 
 def verdict(group: Group) -> list[Markup]:

@@ -21,7 +21,7 @@ from nhpocp.controls.control import Control
 from nhpocp.flow.dynamics import Dynamics
 from nhpocp.flow.integrators import RungeKutta4, uniform_grid
 from nhpocp.kept import kept
-from nhpocp.objectives import quantity
+from nhpocp.objectives.quantity import quantity
 from nhpocp.problem import PlanningProblem
 from nhpocp.systems.numeric import numeric_system
 from nhpocp.systems.system import System

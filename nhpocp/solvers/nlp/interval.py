@@ -13,9 +13,11 @@ from nhpocp.arrays import Array
 from nhpocp.calls import call, mapped
 from nhpocp.constraints import Bound, bound_rows
 from nhpocp.controls.basis import ControlBasis
+from nhpocp.controls.piecewise_constant import PiecewiseConstant
 from nhpocp.flow.shot import Shot, part
 from nhpocp.kept import kept
-from nhpocp.objectives import SOFTENINGS, searched
+from nhpocp.objectives.objective import ControlObjective, PathObjective
+from nhpocp.objectives.registry import OBJECTIVES
 from nhpocp.problem import PlanningProblem
 from nhpocp.solvers.nlp.task_rows import TaskRows, basis_table, stage_times
 from nhpocp.state_space import StateSpace
@@ -24,7 +26,7 @@ from nhpocp.systems.system import System
 from nhpocp.task import Task
 
 MOST = 4  # intervals that are kept for one system
-# what counts as 1, and the length that softens `path_length`; one for every bound follows
+# what counts as 1, and the cost by which the objective is softened; one for every bound follows
 UNITS = ("length", "number", "time", "cost", "soft")
 STEADY = 1e-4  # of a path's length: what keeps a horizon in which that is the same near its first value
 
@@ -178,26 +180,42 @@ class Interval:
         return self._input_scales(units) * (coefficients @ phi)
 
     def _integrand(self, state: ca.SX, control: ca.SX, rest: ca.SX) -> Any:
-        name = self.problem.objective
-        if name in ("effort", "time"):  # exact without quadrature
+        objective = OBJECTIVES[self.problem.objective]
+        if not isinstance(objective, PathObjective):  # exact without quadrature
             return 0.0
-        return searched(name, self.problem.system, state, control, self.problem.scale, rest)
+        return objective.searched(self.problem.system, state, control, self.problem.scale, rest)
 
     def _cost(self, s: ca.SX, length: Any, quadrature: ca.SX, units: ca.SX) -> Any:
         """q of an interval of that length in time."""
-        if self.problem.objective == "time":
+        objective, ratio = (
+            OBJECTIVES[self.problem.objective],
+            s[self.statics - 1 : self.statics, :],
+        )  # T to its first
+        if isinstance(objective, ControlObjective):
+            return length * self._quadratic(objective, s, units)
+        if not isinstance(objective, PathObjective):
             return length
-        if self.problem.objective == "path_length" and self.free_horizon:
-            ratio = s[self.statics - 1]  # of T to its first value
+        if objective.pace == 0 and self.free_horizon:
             return quadrature * (1.0 + STEADY * (ratio + 1.0 / ratio - 2.0))
-        if self.problem.objective != "effort":
-            return quadrature
-        if self.basis is None:
-            return length * ca.sumsqr(self._input_scales(units) * s[self.statics :, :])
-        inputs, size = self.problem.system.input_space.size, self.basis.size
-        coefficients = s[: inputs * size, :] * _each(self._input_scales(units), size)
-        gram = ca.DM(np.kron(np.eye(inputs), np.asarray(self.basis.gram(1.0))))  # ∫₀ᵀ = T ∫₀¹
-        return length * (coefficients.T @ gram @ coefficients)
+        return quadrature
+
+    def _quadratic(self, objective: ControlObjective, s: ca.SX, units: ca.SX) -> Any:
+        """Σ λᵀ M λ / T, of one duration in which M is the basis's whole, or a constant control's."""
+        inputs, basis = self.problem.system.input_space.size, self.basis or PiecewiseConstant(1)
+        first = 0 if self.basis else self.statics
+        coefficients = s[first : first + inputs * basis.size, :] * _each(
+            self._input_scales(units), basis.size
+        )
+        gram = np.kron(
+            np.eye(inputs), np.asarray(objective.gram(basis, 1.0))
+        )  # that of T is T^(pace + 2) times this
+        horizon = (
+            units[UNITS.index("time")] * s[self.statics - 1]
+            if self.free_horizon
+            else self.problem.horizon.fixed
+        )
+        pace = 1.0 if objective.pace == -1 else horizon ** (objective.pace + 1)
+        return pace * (coefficients.T @ ca.DM(gram) @ coefficients)
 
     def _path_rows(
         self, state: ca.SX, control: ca.SX, chosen: ca.SX, units: ca.SX
@@ -229,11 +247,15 @@ def _each(scales: ca.SX, size: int) -> ca.SX:
     return ca.vec(ca.repmat(scales.T, size, 1))
 
 
-def units_of(problem: PlanningProblem, bounds: Sequence[Bound], softening: float = SOFTENINGS[-1]) -> Array:
-    """What counts as 1 in a problem, in the order of `UNITS`, then in each of its bounds; minors have no unit."""
-    scales = problem.scales
-    soft = softening * scales.objective("path_length")
-    own = [scales.length, scales.number, scales.time, scales.objective(problem.objective), soft]
+def units_of(problem: PlanningProblem, bounds: Sequence[Bound], softening: float | None = None) -> Array:
+    """What counts as 1 in a problem, in the order of `UNITS`, then in each of its bounds; minors have no unit.
+
+    ``softening``: of the objective's; its last unless given.
+    """
+    scales, objective = problem.scales, OBJECTIVES[problem.objective]
+    cost = objective.scale(scales)
+    soft = cost * (objective.softenings[-1] if softening is None else softening)
+    own = [scales.length, scales.number, scales.time, cost, soft]
     return np.array([*own, *(1.0 if b.quantity.startswith("sigma_") else b.scale for b in bounds)])
 
 
