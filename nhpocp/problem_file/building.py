@@ -12,8 +12,10 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Any
 
+from nhpocp.controls.registry import BASES
 from nhpocp.errors import InvalidProblemError, MissingDependencyError
 from nhpocp.problem_file.control import ControlBlock
+from nhpocp.problem_file.issues import suggestion
 from nhpocp.problem_file.plugins import words
 from nhpocp.problem_file.reading import ProblemFile, read, read_text
 from nhpocp.problem_file.registry import SYSTEMS
@@ -31,13 +33,6 @@ if TYPE_CHECKING:
 
 # key -> name in the file -> "module:Class"
 AVAILABLE: dict[str, dict[str, str]] = {
-    "control.basis": {
-        "fourier": "nhpocp.controls.fourier:Fourier",
-        "legendre": "nhpocp.controls.legendre:Legendre",
-        "bspline": "nhpocp.controls.bspline:BSpline",
-        "piecewise_constant": "nhpocp.controls.piecewise_constant:PiecewiseConstant",
-        "sequence": "nhpocp.controls.sequence:SequenceBasis",
-    },
     "solvers.jacobian.step_rule": {
         "euler": "nhpocp.solvers.continuation.step_rules:Euler",
         "adaptive": "nhpocp.solvers.continuation.step_rules:Adaptive",
@@ -176,8 +171,7 @@ def _not_available(key: str, value: Any, known: Sequence[Any]) -> str:
 
 def build_basis(data: ControlBlock) -> ControlBasis:
     """The basis of a `control` block."""
-    found: ControlBasis = _available("control.basis", data.basis)(**data.parameters())
-    return found
+    return data.made()
 
 
 def control_from_json(data: Mapping[str, Any]) -> Control:
@@ -186,9 +180,16 @@ def control_from_json(data: Mapping[str, Any]) -> Control:
     Errors: `InvalidProblemError` for a basis that this version does not have, or data that is none.
     """
     from nhpocp.controls.control import Control
+    from nhpocp.controls.sequence import SequenceBasis
 
     try:
-        basis, coefficients = _available("control.basis", data["basis"]).from_json(data)  # type: ignore[attr-defined]
+        kind = data["basis"]
+        if kind not in (known := [*BASES, SequenceBasis.kind]):
+            raise InvalidProblemError(
+                f"unknown basis {kind!r}; {suggestion(str(kind), known)}", path="control.basis"
+            )
+        cls = SequenceBasis if kind == SequenceBasis.kind else BASES[kind]
+        basis, coefficients = cls.from_json(data)
         return Control(basis, coefficients, float(data["horizon"]))
     except (LookupError, TypeError) as error:
         raise InvalidProblemError(f"no control in {type(error).__name__}: {error}", path="control") from None

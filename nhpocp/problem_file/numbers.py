@@ -9,13 +9,12 @@ from typing import Annotated, Any
 
 from pydantic_core import CoreSchema, core_schema
 
+from nhpocp.declared import LARGEST_COUNT
+
 _DECIMAL = r"(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)"
 _PI = re.compile(rf"(?P<sign>-)?(?:(?P<factor>{_DECIMAL})\*)?pi(?:/(?P<divisor>{_DECIMAL}))?")
 _DEGREES = re.compile(rf"(?P<degrees>[-+]?{_DECIMAL}(?:[eE][-+]?[0-9]+)?) +deg")
 _PATTERN = rf"^(-?({_DECIMAL}\*)?pi(/{_DECIMAL})?|[-+]?{_DECIMAL}([eE][-+]?[0-9]+)? +deg)$"
-
-LARGEST_COUNT = 100_000  # intervals, steps
-LARGEST_DEGREE = 1000  # harmonics
 
 
 class Checked:
@@ -156,7 +155,7 @@ def _integer_schema(least: int, most: int | None) -> dict[str, Any]:
     return {"type": "integer", **limits}
 
 
-def _checked_whole(least: int, most: int | None) -> Checked:
+def checked_whole(least: int, most: int | None) -> Checked:
     return Checked(_whole(least, most), _integer_schema(least, most))
 
 
@@ -173,10 +172,9 @@ Share = Annotated[
     float,
     Checked(_share, {**NUMBER_SCHEMA, "exclusiveMinimum": 0, "exclusiveMaximum": 1}),
 ]
-Whole = Annotated[int, _checked_whole(0, None)]
-Count = Annotated[int, _checked_whole(1, LARGEST_COUNT)]
+Whole = Annotated[int, checked_whole(0, None)]
+Count = Annotated[int, checked_whole(1, LARGEST_COUNT)]
 AutoOrCount = Annotated[
     int | str, Checked(_auto_or_count, {"anyOf": [{"const": "auto"}, _integer_schema(1, LARGEST_COUNT)]})
 ]
-Degree = Annotated[int, _checked_whole(0, LARGEST_DEGREE)]
-Samples = Annotated[int, _checked_whole(2, 1_000_000)]
+Samples = Annotated[int, checked_whole(2, 1_000_000)]

@@ -22,7 +22,7 @@ from pydantic import (
 
 from nhpocp.objectives.registry import OBJECTIVES, costs_of_motion
 from nhpocp.problem_file.constraints import Constraints, check_constraints
-from nhpocp.problem_file.control import ControlData, FourierControl
+from nhpocp.problem_file.control import BLOCKS, DEFAULT, ControlData
 from nhpocp.problem_file.issues import Issue, Refusal
 from nhpocp.problem_file.numbers import (
     Checked,
@@ -203,7 +203,7 @@ class ProblemData(Strict):
         default=1.0, description="the duration T, or {min, max, initial} where the NLP may choose"
     )
     control: ControlData = Field(
-        default_factory=lambda: FourierControl(),
+        default_factory=lambda: BLOCKS[DEFAULT](basis=DEFAULT),
         description="basis of the control, and the control to begin with",
     )
     objective: Annotated[str, Choice(*OBJECTIVES)] = Field(

@@ -13,7 +13,7 @@ from typing import Any, get_args
 
 from pydantic.fields import FieldInfo
 
-from nhpocp.problem_file.control import BASES
+from nhpocp.problem_file.control import BLOCKS
 from nhpocp.problem_file.numbers import Choice
 from nhpocp.problem_file.registry import system_class
 from nhpocp.problem_file.schema import Output, ProblemData
@@ -159,11 +159,11 @@ def _units(blocks: Sequence[Block]) -> str:
 
 
 def _control(system: System, given: Mapping[str, Any]) -> Iterator[str]:
-    harmonics = given.get("harmonics", BASES["fourier"].model_fields["harmonics"].default)
+    harmonics = given.get("harmonics", BLOCKS["fourier"].model_fields["harmonics"].default)
     yield "control:"
     yield _line("  basis: fourier", "columns of `initial`: const, sin1, cos1, sin2, cos2, …")
     yield f"  harmonics: {harmonics}"
-    for basis, model in list(BASES.items())[1:]:
+    for basis, model in list(BLOCKS.items())[1:]:
         names = [name for name in model.model_fields if name not in ("basis", "initial")]
         own = ", ".join(f"{name}: {model.model_fields[name].default}" for name in names)
         yield f"  # or basis {basis} with {own}"
