@@ -15,6 +15,7 @@ from nhpocp.analysis import Analysis
 from nhpocp.solution_folder import check_target, plain, unwritable
 from nhpocp.solution_folder.pictures import drawn
 from nhpocp.solution_folder.target import write_whole
+from nhpocp.systems.margins import det, sigma
 
 Pictures = Callable[[Analysis, Path], Any]
 
@@ -50,7 +51,7 @@ def _write(analysis: Analysis, folder: Path) -> None:
         arrays: dict[str, Any] = {
             found.first.name: found.first_values,
             found.second.name: found.second_values,
-            **{f"det_{name}": values for name, values in found.determinants.items()},
-            **{f"sigma_{name}": values for name, values in found.margins.items()},
+            **{det(name).name: values for name, values in found.determinants.items()},
+            **{sigma(name).name: values for name, values in found.margins.items()},
         }
         np.savez_compressed(folder / "map.npz", **arrays)

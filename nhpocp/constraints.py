@@ -17,6 +17,7 @@ from nhpocp.arrays import Array, namespace
 from nhpocp.frozen import Frozen
 from nhpocp.objectives.quantity import quantity
 from nhpocp.scales import side_size
+from nhpocp.systems.margins import Margin, margin
 from nhpocp.systems.system import System
 
 
@@ -33,6 +34,11 @@ class Bound(Frozen):
     # a problem fills these in: the quantity's scale, and whether it is part of the state, whose zero lies anywhere
     scale: float = field(default=1.0, compare=False)
     coordinate: bool = field(default=False, compare=False)
+
+    @property
+    def margin(self) -> Margin | None:
+        """The margin that is bounded, if it is one."""
+        return margin(self.quantity)
 
     def excess(self, values: Array) -> Array:
         """How far values (k, …) stand outside, same shape; 0 inside."""
@@ -97,8 +103,8 @@ def bound_rows(
 
     σ_min(M) ≥ c is stated as M Mᵀ - c² I positive definite: its leading minors, smooth where σ_min is not.
     """
-    if bound.quantity.startswith("sigma_"):
-        name = bound.quantity.removeprefix("sigma_")
+    if bound.margin:
+        name = bound.margin.matrix
         matrix = system.regularity(state)[name]
         scales = system.column_scales(name, length_scale)
         scaled = namespace(state).block([[matrix[:, i] / scales[i] for i in range(len(scales))]])

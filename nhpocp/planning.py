@@ -168,13 +168,11 @@ def _opposite_signs(problem: PlanningProblem, numeric: NumericSystem, ends: Arra
     sentences = {}
     for name in system.separating():
         first, last = determinants[name]
-        if first * last < 0 and numeric.sigmas(ends, problem.scale)[f"sigma_{name}"].min() > ON_THE_SURFACE:
+        if first * last < 0 and numeric.sigmas(ends, problem.scale)[name].min() > ON_THE_SURFACE:
             sentences[name] = f"det {name.upper()} is {first:.3g} at the start and {last:.3g} at the goal"
     found = "; ".join(sentences.values())
-    if found and getattr(system, "form", None) == "feedback":
-        original = system.with_form("original")  # type: ignore[attr-defined]
-        if not set(sentences) & set(original.separating()):
-            found += ", which eq. (7) cannot cross; `form: original` may"
+    if found and (actuated := system.actuated()) and not set(sentences) & set(actuated[0].separating()):
+        found += ", which eq. (7) cannot cross; `form: original` may"
     return found
 
 

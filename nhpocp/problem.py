@@ -19,6 +19,7 @@ from nhpocp.frozen import FixedDict, Frozen, fixed
 from nhpocp.objectives.registry import OBJECTIVES, available
 from nhpocp.scales import Scales, natural_scales
 from nhpocp.state_space import Block, StateSpace
+from nhpocp.systems.margins import det
 from nhpocp.systems.numeric import numeric_system
 from nhpocp.systems.system import System, check_names
 from nhpocp.task import Task
@@ -226,7 +227,7 @@ class PlanningProblem(Frozen):
         inputs = {block.name: block.unit for block in system.input_space.blocks}
         if name in inputs:
             return replace(bound, scale=scales.of(inputs[name]) / scales.time)
-        return replace(bound, scale=1.0 if name.startswith("sigma_") else self._size_of_output(name))
+        return replace(bound, scale=1.0 if bound.margin else self._size_of_output(name))
 
     def _size_of_output(self, name: str) -> float:
         """How much an output changes, to first order about the start, when states and inputs do by their scales."""
@@ -244,9 +245,10 @@ class PlanningProblem(Frozen):
 
     def _quantities(self) -> list[str]:
         """What may be bounded. Errors: `InvalidProblemError` where two entries of a trajectory have one name."""
-        parts = numeric_system(self.system).names
+        parts = numeric_system(self.system).quantities
         check_names(parts)
-        return [name for _, name, _ in parts if not name.startswith("det_")]
+        signs = [det(name).name for name in numeric_system(self.system).matrices]
+        return [block.name for _, block in parts if block.name not in signs]
 
     def towards(self, goal: Mapping[str, Any]) -> Self:
         """This problem with another goal; what a goal does not touch is not checked again."""

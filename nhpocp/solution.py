@@ -15,6 +15,7 @@ from nhpocp.constraints import BoundReport
 from nhpocp.controls.control import Control
 from nhpocp.deferred import extended
 from nhpocp.problem import PlanningProblem
+from nhpocp.systems.margins import det, margin
 
 
 class Outcome(Enum):
@@ -88,6 +89,17 @@ class Crossing:
     state: Mapping[str, Any]  # the pose there, plain data
     returns: bool  # the sign is the same at the start and at the end
     touches: bool = False  # the zero is met from one side: the sign does not change there
+
+    @property
+    def matrix(self) -> str:
+        """The name of the regularity matrix."""
+        known = margin(self.which)
+        return known.matrix if known else self.which
+
+    @property
+    def letter(self) -> str:
+        """What [Paper] calls the matrix."""
+        return det(self.matrix).letter
 
     def to_json(self) -> dict[str, Any]:
         known = {"which": self.which, "t": self.time, "returns": self.returns, "touches": self.touches}

@@ -7,7 +7,9 @@ has ``dimension`` numbers, a rotation taking three: the angular velocity ω in b
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from itertools import product
+from math import prod
 from typing import Any, ClassVar, Literal
 
 from nhpocp import so3
@@ -15,69 +17,88 @@ from nhpocp.arrays import Array, namespace, norm
 from nhpocp.errors import InvalidProblemError
 from nhpocp.frozen import Frozen
 
-Kind = Literal["vector", "scalar", "rotation", "direction"]
+Kind = Literal["vector", "scalar", "rotation", "direction", "matrix"]
 Unit = Literal["length", "angle", ""]
+UNIT_WORDS = {"length": "[length]", "angle": "[rad]", "": ""}
 
 
 @dataclass(frozen=True)
 class Block:
-    """One named part of a state or of an input, or an output; a direction, a unit vector, is an output only."""
+    """One named quantity: a part of a state or of an input, or an output, and all that is known of it.
+
+    A direction, a unit vector, and a matrix are outputs only. symbol: how formulas call it, LaTeX without $; none:
+    by its name. wraps: angles that jump by 2π where they are cut. of_pose: an output that depends on the state alone,
+    so that it may be a goal. rate: per unit of time; inputs are so by themselves.
+    """
 
     name: str
     kind: Kind
-    components: int = 1  # of a vector
+    components: int = 1  # numbers of a vector, or in each row of a matrix
     unit: Unit = ""
+    symbol: str = field(default="", compare=False)
+    rows: int = 1  # of a matrix
+    wraps: bool = False
+    of_pose: bool = False
+    rate: bool = False
 
     @property
     def size(self) -> int:
         """Numbers in a packed point."""
-        return {"vector": self.components, "scalar": 1, "rotation": 9, "direction": 3}[self.kind]
+        return prod(self.shape)
 
     @property
     def dimension(self) -> int:
         """Numbers in a tangent vector."""
-        return {"vector": self.components, "scalar": 1, "rotation": 3, "direction": 2}[self.kind]
+        return {"rotation": 3, "direction": 2}.get(self.kind, self.size)
 
     @property
     def shape(self) -> tuple[int, ...]:
         """Shape of the block's value."""
-        shapes: dict[str, tuple[int, ...]] = {"scalar": (), "rotation": (3, 3), "direction": (3,)}
+        shapes = {"scalar": (), "rotation": (3, 3), "direction": (3,), "matrix": (self.rows, self.components)}
         return shapes.get(self.kind, (self.components,))
 
     @property
     def labels(self) -> list[str]:
         """One column name per packed number."""
-        if self.kind == "scalar":
-            return [self.name]
-        if self.kind == "rotation":
-            return [f"{self.name}[{i}][{j}]" for i in range(3) for j in range(3)]
-        return [f"{self.name}[{i}]" for i in range(self.components)]
+        places = product(*(range(size) for size in self.shape))
+        return [self.name + "".join(f"[{i}]" for i in place) for place in places]
 
 
-def vector(name: str, components: int, unit: Unit = "") -> Block:
-    return Block(name, "vector", components, unit)
+def vector(name: str, components: int, unit: Unit = "", **known: Any) -> Block:
+    return Block(name, "vector", components, unit, **known)
 
 
-def scalar(name: str, unit: Unit = "") -> Block:
-    return Block(name, "scalar", 1, unit)
+def scalar(name: str, unit: Unit = "", **known: Any) -> Block:
+    return Block(name, "scalar", 1, unit, **known)
 
 
-def rotation(name: str) -> Block:
-    return Block(name, "rotation", 3, "angle")
+def rotation(name: str, symbol: str = "R") -> Block:
+    return Block(name, "rotation", 3, "angle", symbol)
 
 
-def direction(name: str) -> Block:
-    return Block(name, "direction", 3, "angle")
+def direction(name: str, **known: Any) -> Block:
+    return Block(name, "direction", 3, "angle", **known)
 
 
-def check_distinct(parts: Iterable[tuple[str, str, Iterable[str]]]) -> None:
+def matrix(name: str, rows: int, columns: int, unit: Unit = "", **known: Any) -> Block:
+    return Block(name, "matrix", columns, unit, rows=rows, **known)
+
+
+def shaped(name: str, shape: tuple[int, ...]) -> Block:
+    """A block of which nothing is known but the shape of its value, () to (rows, columns)."""
+    if len(shape) == 2:
+        return matrix(name, shape[0], shape[1])
+    return vector(name, shape[0]) if shape else scalar(name)
+
+
+def check_distinct(parts: Iterable[tuple[str, Block]]) -> None:
     """Names of parts of a state or trajectory: printable, and none twice, among those of the parts' numbers either.
 
-    parts: what it is, its name, the names of its numbers. Errors: `InvalidProblemError`, as for `x[0]` beside the
-    vector `x`.
+    parts: what it is, and its block. Errors: `InvalidProblemError`, as for `x[0]` beside the vector `x`.
     """
     taken: dict[str, str] = {}
-    for what, name, labels in parts:
+    for what, block in parts:
+        name, labels = block.name, block.labels
         words, names = f"{what} {name!r}", dict.fromkeys([name, *labels])
         if not name or not name.isprintable():
             raise InvalidProblemError(f"{words}: expected a name of one or more printable characters")
@@ -103,12 +124,12 @@ class StateSpace(Frozen):
         self._tangents: dict[str, slice] = {}
         point = tangent = 0
         for block in blocks:
-            if block.kind == "direction":
-                raise InvalidProblemError(f"{block.name} is a direction: an output, not a part of a state")
+            if block.kind in ("direction", "matrix"):
+                raise InvalidProblemError(f"{block.name} is a {block.kind}: an output, not a part of a state")
             self._points[block.name] = slice(point, point + block.size)
             self._tangents[block.name] = slice(tangent, tangent + block.dimension)
             point, tangent = point + block.size, tangent + block.dimension
-        check_distinct([("block", block.name, block.labels) for block in blocks])
+        check_distinct([("block", block) for block in blocks])
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, StateSpace) and self.blocks == other.blocks

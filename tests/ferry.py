@@ -12,8 +12,7 @@ class Ferry(System):
     declared: ClassVar = {"current": Parameter("number", 0.5, "speed of the water [length/time]")}
     state_space = StateSpace([vector("position", 2, "length"), scalar("theta", "angle")])
     input_space = StateSpace([scalar("v", "length"), scalar("w", "angle")])
-    output_names = ("bow",)
-    pose_outputs = (vector("bow", 2, "length"),)
+    output_blocks = (vector("bow", 2, "length", of_pose=True),)
 
     def heading(self, state):
         xp = namespace(state)  # NumPy for numbers, CasADi for symbols

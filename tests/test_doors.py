@@ -33,7 +33,9 @@ def test_a_misspelt_public_name_is_an_error_for_type_checkers():
     (listed,) = (
         node for node in tree.body if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"
     )
-    names = {alias.asname for node in listed.body for alias in node.names}
-    assert names == set(nhpocp.__all__) - {"__version__"}
+    homes = {alias.asname: node.module for node in listed.body for alias in node.names}
+    assert homes == {name: f"nhpocp.{home}" for name, home in nhpocp._HOMES.items()}
+    for name in nhpocp.__all__:
+        assert getattr(nhpocp, name) is not None
     with pytest.raises(AttributeError, match="Continuaton"):
         _ = nhpocp.Continuaton

@@ -21,7 +21,8 @@ from nhpocp import (
 )
 from nhpocp.constraints import Bound
 from nhpocp.problem_file import registry
-from nhpocp.systems.system import MARGINS, RESERVED
+from nhpocp.systems.margins import margin
+from nhpocp.systems.system import RESERVED
 
 
 class Named(System):
@@ -46,7 +47,8 @@ class Named(System):
 
 def named(state, control, goals=(), shown=(), guarded=()):
     spaces = {"state_space": StateSpace(state), "input_space": StateSpace(control)}
-    return type("Here", (Named,), {**spaces, "pose_outputs": goals, "shown": shown, "guarded": guarded})()
+    outputs = {"output_blocks": goals} if goals else {}  # else nothing is known of them
+    return type("Here", (Named,), {**spaces, **outputs, "shown": shown, "guarded": guarded})()
 
 
 U = [vector("u", 3)]
@@ -87,7 +89,7 @@ def test_outputs_that_are_known_later_are_refused_with_the_problem(shown):
 
 
 def free(name):
-    return name not in RESERVED and not name.startswith(MARGINS)
+    return name not in RESERVED and margin(name) is None
 
 
 NAMES = st.text(min_size=1, max_size=6).filter(lambda name: name.isprintable() and free(name))
@@ -101,14 +103,18 @@ NAMES = st.text(min_size=1, max_size=6).filter(lambda name: name.isprintable() a
 @example(names=["state", "control", "clearance", "matrix", "at"])
 @example(names=["self", "args", "arr_0", "x[0", "ẋ"])
 def test_what_is_saved_under_any_other_name_is_read(names, tmp_path_factory):
-    first, second, control, output, margin = names
+    first, second, control, output, guarded = names
     system = named(
-        [scalar(first), vector(second, 2)], [vector(control, 3)], (scalar(output),), (output,), (margin,)
+        [scalar(first), vector(second, 2)],
+        [vector(control, 3)],
+        (scalar(output, of_pose=True),),
+        (output,),
+        (guarded,),
     )
     bounds = [Bound(f"state.{name}", name, -9.0, 9.0) for name in (first, second, output)]
     bounds += [
         Bound("control", control, -99.0, 99.0),
-        Bound(f"clearance.sigma_{margin}", f"sigma_{margin}", 0.1),
+        Bound(f"clearance.sigma_{guarded}", f"sigma_{guarded}", 0.1),
     ]
     problem = PlanningProblem(
         system=system,

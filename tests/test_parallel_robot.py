@@ -85,7 +85,7 @@ def test_the_3_upu_robot_is_one_of_them(case):
     blocks = robot.kinematics(pose)
     for found, by_hand in zip((blocks.G, blocks.K, blocks.S, blocks.J), rows_by_hand(upu, pose), strict=True):
         assert np.abs(found - by_hand).max() <= 1e-12 * (1 + np.abs(by_hand).max())
-    original = upu.with_form("original").velocity(pose, u)
+    original = upu.with_(form="original").velocity(pose, u)
     assert np.abs(robot.velocity(pose, u) - original).max() <= 1e-12 * (1 + np.abs(original).max())
 
 

@@ -166,7 +166,7 @@ def test_feedback_is_the_papers_eq_6_and_its_inverse_undoes_it(case):
 def test_both_forms_move_alike_under_the_feedback(case):
     robot, pose, generator = case
     v = generator.normal(size=3)
-    original = robot.with_form("original")
+    original = robot.with_(form="original")
     assert close(original.rate(pose, robot.feedback(pose, v)), robot.rate(pose, v), 1e-10)
     assert close(original.outputs(pose, robot.feedback(pose, v))["v"], v, 1e-10)
     for form in (robot, original):
@@ -295,7 +295,7 @@ def test_drawing_is_finite_and_its_legs_join_the_centres():
 @pytest.mark.parametrize("seed", range(4))
 def test_numbers_and_symbols_agree(seed, form):
     generator = np.random.default_rng(seed)
-    robot = (random_robot(generator) if seed else ThreeUPU()).with_form(form)
+    robot = (random_robot(generator) if seed else ThreeUPU()).with_(form=form)
     poses = np.array([random_pose(generator) for _ in range(3)])
     controls = generator.normal(size=(3, 3))
     numeric = NumericSystem(robot)
@@ -437,7 +437,7 @@ def test_parameters_rebuild_the_robot(robot):
     assert again.legs == robot.legs
     assert again.form == robot.form
     assert again.parameters() == robot.parameters()
-    assert robot.with_form("original").legs == robot.legs
+    assert robot.with_(form="original").legs == robot.legs
 
 
 def test_declared_parameters_are_the_constructors():

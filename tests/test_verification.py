@@ -432,10 +432,12 @@ def test_system_without_legs():
 class UnicycleWithOutputs(Unicycle):
     """With an output that is zero but for rounding, and one that is cut at ±π."""
 
+    output_blocks = (scalar("nothing", "length"), scalar("heading", "angle", wraps=True))
+
     def outputs(self, state, control):
         heading = ca.atan2(ca.sin(state[2]), ca.cos(state[2]))
         x = state[0] + 2
-        return {"nothing": (x + 1) ** 3 - x**3 - 3 * x**2 - 3 * x - 1, "heading_angle": heading}
+        return {"nothing": (x + 1) ** 3 - x**3 - 3 * x**2 - 3 * x - 1, "heading": heading}
 
 
 def test_outputs_without_a_scale_and_on_a_cut_refute_nothing():
@@ -447,7 +449,7 @@ def test_outputs_without_a_scale_and_on_a_cut_refute_nothing():
     )
     claim = stored(problem, problem.control(np.array([[1.3], [1.0]])), 1e-9)
     for sign in (1, -1):
-        heading = claim.trajectory["heading_angle"].copy()
+        heading = claim.trajectory["heading"].copy()
         heading[-1] = sign * (np.pi - 1e-12)
-        verdict = verify(replace(claim, trajectory={**claim.trajectory, "heading_angle": heading}))
+        verdict = verify(replace(claim, trajectory={**claim.trajectory, "heading": heading}))
         assert verdict.ok, verdict.reasons

@@ -165,9 +165,9 @@ class Fields:
         """Whether the matrices that the equations divide by are regular; else rounding makes numbers of anything."""
         good = np.ones(len(points), dtype=bool)
         if names := self.system.breaking():
-            margins = numeric_system(self.system).margins(points, self.scales.length)
+            sigmas = numeric_system(self.system).sigmas(points, self.scales.length)
             for name in names:
-                good &= np.nan_to_num(margins[f"sigma_{name}"]) > SINGULAR
+                good &= np.nan_to_num(sigmas[name]) > SINGULAR
         return good
 
     def margin(self, points: Array, degree: int, rank: int) -> Array:

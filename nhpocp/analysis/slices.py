@@ -191,10 +191,10 @@ def singularity_map(
     first, second = (span.coordinate for span in spans)
     plane = _Plane(system, base, (first, second), length)
     grids = [_grid(span, span.coordinate.of(system.state_space, shown), length) for span in spans]
-    rows = [plane.margins(np.column_stack([grids[0], np.full(RESOLUTION, value)])) for value in grids[1]]
-    maps = {name: np.array([row[name] for row in rows]) for name in rows[0]}
-    names = [name.removeprefix("det_") for name in maps if name.startswith("det_")]
-    margins = {name: maps[f"sigma_{name}"] for name in names}
+    lines = [plane.points(np.column_stack([grids[0], np.full(RESOLUTION, value)])) for value in grids[1]]
+    margins, determinants = (
+        _stacked([of(line) for line in lines]) for of in (plane.sigmas, plane.determinants)
+    )
     return SingularityMap(
         system,
         first,
@@ -203,13 +203,17 @@ def singularity_map(
         grids[1],
         base,
         at,
-        {name: maps[f"det_{name}"] for name in names},
+        determinants,
         margins,
         {
-            name: plane.touching(name, margins[name], maps[f"det_{name}"], grids[0], grids[1])
-            for name in names
+            name: plane.touching(name, margin, determinants[name], grids[0], grids[1])
+            for name, margin in margins.items()
         },
     )
+
+
+def _stacked(rows: Sequence[Mapping[str, Array]]) -> dict[str, Array]:
+    return {name: np.array([row[name] for row in rows]) for name in rows[0]}
 
 
 def _grid(span: Span, seen: Array, length: float) -> Array:
@@ -229,7 +233,7 @@ def _largest(margin: Array) -> float:
 
 
 class _Plane:
-    """The margins at points (k, 2) of a slice."""
+    """The margins on a slice."""
 
     def __init__(
         self, system: System, base: Array, coordinates: tuple[Coordinate, Coordinate], length: float
@@ -237,11 +241,17 @@ class _Plane:
         self._numeric, self._space = numeric_system(system), system.state_space
         self._base, self._coordinates, self._length = base, coordinates, length
 
-    def margins(self, points: Array) -> dict[str, Array]:
+    def points(self, places: Array) -> Array:
+        """The packed points (k, size) at places (k, 2) of the slice."""
+        return placed(self._space, self._base, self._coordinates, places)
+
+    def sigmas(self, points: Array) -> dict[str, Array]:
         with np.errstate(all="ignore"):
-            return self._numeric.margins(
-                placed(self._space, self._base, self._coordinates, points), self._length
-            )
+            return self._numeric.sigmas(points, self._length)
+
+    def determinants(self, points: Array) -> dict[str, Array]:
+        with np.errstate(all="ignore"):
+            return self._numeric.determinants(points)
 
     def touching(self, name: str, margin: Array, determinant: Array, first: Array, second: Array) -> Array:
         """Zeros of σ_min on the grid's lines without a change of sign, by golden section from three neighbours."""
@@ -262,7 +272,7 @@ class _Plane:
 
             def at(moving: Array, fixed: Array = fixed, axis: int = axis) -> Array:
                 pair = (moving, fixed) if axis == 1 else (fixed, moving)
-                return self.margins(np.column_stack(pair))[f"sigma_{name}"]
+                return self.sigmas(self.points(np.column_stack(pair)))[name]
 
             where, least = golden_section(at, grid[places], grid[places + 2])
             kept = least < ZERO * largest

@@ -13,6 +13,7 @@ import click
 from nhpocp.cli.options import json_option, load, set_option
 from nhpocp.cli.terminal import put, say, tell
 from nhpocp.cli.verbs import SOLVED
+from nhpocp.systems.margins import det, margin
 
 if TYPE_CHECKING:
     from nhpocp.analysis import Analysis
@@ -192,10 +193,11 @@ def _point_words(point: PointAnalysis) -> str:
         if growth.spectra[-1].doubtful:
             words.append("a doubtful rank: see the singular values in analysis.json")
     for name, value in point.margins.items():
-        if name.startswith("det_"):
-            letter, sigma = name.removeprefix("det_"), point.margins[f"sigma_{name.removeprefix('det_')}"]
-            sign = "> 0" if value > 0 else "< 0" if value < 0 else "= 0" if value == 0 else "unknown"
-            words.append(f"σ_min({letter.upper()}) {sigma:.3g}, det {sign}")
+        known = margin(name)
+        if known and known.kind == "sigma":
+            signed = point.margins[det(known.matrix).name]
+            sign = "> 0" if signed > 0 else "< 0" if signed < 0 else "= 0" if signed == 0 else "unknown"
+            words.append(f"σ_min({known.letter}) {value:.3g}, det {sign}")
     return "; ".join(words) + (f" ({point.note})" if point.note else "")
 
 
@@ -223,14 +225,14 @@ def _path_lines(path: PathAnalysis) -> list[str]:
     told = [_row("guess", words)]
     least = []
     for name, values in path.margins.items():
-        if name.startswith("sigma_") and not all(math.isnan(value) for value in values):
+        known = margin(name)
+        if known and known.kind == "sigma" and not all(math.isnan(value) for value in values):
             place = min(range(len(values)), key=lambda i: math.inf if math.isnan(values[i]) else values[i])
-            letter = name.removeprefix("sigma_").upper()
-            least.append(f"least σ_min({letter}) {values[place]:.3g} at t = {path.times[place]:.4g}")
+            least.append(f"least σ_min({known.letter}) {values[place]:.3g} at t = {path.times[place]:.4g}")
     if least:
         told.append(_row("", "; ".join(least)))
     if path.crossings:
-        met = [f"det {c.which.removeprefix('det_').upper()} at t = {c.time:.4g}" for c in path.crossings]
+        met = [f"det {c.letter} at t = {c.time:.4g}" for c in path.crossings]
         told.append(_row("", f"changes of sign: {', '.join(met)}"))
     return told
 

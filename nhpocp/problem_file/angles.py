@@ -10,10 +10,8 @@ from nhpocp.problem_file.issues import Issue, Path
 from nhpocp.systems.system import System
 
 TURN = 2 * pi
-ORIENTATION, COORDINATE = (
-    1,
-    5,
-)  # turns above which an angle is doubted; coordinates such as a wheel's count theirs
+# turns above which an angle is doubted; coordinates such as a wheel's count theirs
+ORIENTATION, COORDINATE = 1, 5
 
 
 def probable_degrees(raw: Mapping[str, Any], system: System) -> Iterator[Issue]:
@@ -28,7 +26,7 @@ def probable_degrees(raw: Mapping[str, Any], system: System) -> Iterator[Issue]:
 def _angles(raw: Mapping[str, Any], system: System) -> Iterator[tuple[Path, Any, float]]:
     block = raw["system"]
     for name, parameter in system.declared.items():
-        if parameter.meaning.endswith("[rad]") and name in block:
+        if parameter.unit == "angle" and name in block:
             yield ("system", name), block[name], ORIENTATION
     poses: list[tuple[Path, Any]] = [(("start",), raw["start"]), (("goal",), raw["goal"])]
     poses += [(("via", i), via) for i, via in enumerate(raw.get("via") or ())]

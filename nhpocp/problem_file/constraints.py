@@ -104,7 +104,7 @@ class Constraints(Strict):
     )
 
 
-OF_LEGS = ("leg_length", "leg_speed", "clearance")
+OF_LEGS = ("leg_length", "leg_speed")
 
 
 def check_constraints(value: Constraints, system: System, outputs: tuple[str, ...] | None) -> Constraints:
@@ -119,6 +119,9 @@ def _misfits(value: Constraints, system: System, outputs: tuple[str, ...] | None
         for name in OF_LEGS:
             if getattr(value, name) is not None:
                 yield Issue((name,), f"the system {system.model} has no legs; remove it", at_key=True)
+    if value.clearance is not None and type(system).regularity is System.regularity:
+        words = f"the system {system.model} has no legs, or what else becomes singular; remove it"
+        yield Issue(("clearance",), words, at_key=True)
     inputs = system.input_space.labels
     if isinstance(value.control, list) and len(value.control) != len(inputs):
         yield Issue(

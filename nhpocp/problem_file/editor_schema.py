@@ -13,13 +13,12 @@ from typing import Any
 from nhpocp.problem_file.numbers import NUMBER_SCHEMA
 from nhpocp.problem_file.registry import every_class, system_model
 from nhpocp.problem_file.schema import ProblemData
-from nhpocp.state_space import Block, StateSpace
+from nhpocp.state_space import UNIT_WORDS, Block, StateSpace
 from nhpocp.systems.system import System
 
 DIALECT = "http://json-schema.org/draft-07/schema#"
 IDENTITY = "nhpocp.schema.json"
 REFERENCE = "#/definitions/{model}"
-UNITS = {"length": "[length]", "angle": "[rad]"}
 MAY_BE_EMPTY = ("control", "constraints", "solvers", "output", "reference", "via")
 
 
@@ -81,7 +80,7 @@ def _states(model: str, cls: type[System], written: Any) -> dict[str, Any]:
     blocks, outputs = system.state_space.blocks, system.pose_outputs
     start = {block.name: _block(block, exact) for block in blocks}
     goal = start | {
-        block.name: _block(block, exact and "pose_outputs" not in vars(system)) for block in outputs
+        block.name: _block(block, exact and "output_blocks" not in vars(system)) for block in outputs
     }
     required = {"required": list(start)} if exact else {}
     return {
@@ -100,7 +99,7 @@ def _states(model: str, cls: type[System], written: Any) -> dict[str, Any]:
 
 def _block(block: Block, exact: bool) -> dict[str, Any]:
     """What a block's value looks like; its length only where that is ``exact``."""
-    unit = UNITS.get(block.unit, "")
+    unit = UNIT_WORDS[block.unit]
     if block.kind == "rotation":
         rotation = {"allOf": [{"$ref": REFERENCE.format(model="Rotation")}]}
         return {"title": block.name, "description": "one of rpy, quaternion, rotvec, matrix", **rotation}

@@ -158,7 +158,7 @@ def _validate(raw: dict[str, Any], place: Place) -> tuple[ProblemData, System]:
     if "system" in raw:
         try:
             system, block = read_system(raw["system"])
-            context = Context(system, system.known_outputs())
+            context = Context(system, system.known_outputs)
         except Refusal as refusal:
             issues = [issue.under(("system",)) for issue in refusal.issues]
     try:

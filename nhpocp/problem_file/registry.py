@@ -152,7 +152,7 @@ def system_model(model: str) -> type[Strict]:
         )
     for name, parameter in declared.items():
         shown = "" if parameter.default is None else f"; default {_plain(parameter.default)}"
-        fields[name] = (_field(parameter), Field(default=None, description=parameter.meaning + shown))
+        fields[name] = (_field(parameter), Field(default=None, description=parameter.described + shown))
     return create_model(f"System_{model}", __base__=Strict, __doc__=f"The system {model}.", **fields)
 
 
@@ -187,19 +187,12 @@ def _build(model: str, block: Mapping[str, Any]) -> System:
     cls = system_class(model)
     given = {name: value for name, value in block.items() if name not in ("model", "preset")}
     parameters = {**cls.presets.get(block.get("preset", ""), {}), **given}
-    if "legs" in given:
-        beside = [name for name in given if name not in ("legs", "form")]
-        if beside:
-            raise Refusal(
-                [
-                    Issue(
-                        (beside[0],),
-                        "stands beside legs, which replace it; remove one of the two",
-                        at_key=True,
-                    )
-                ]
-            )
-        parameters = {name: value for name, value in parameters.items() if name in ("legs", "form")}
+    for name in given:
+        replaced = cls.declared[name].replaces
+        if beside := [other for other in given if other in replaced]:
+            words = f"stands beside {name}, which replace it; remove one of the two"
+            raise Refusal([Issue((beside[0],), words, at_key=True)])
+        parameters = {other: value for other, value in parameters.items() if other not in replaced}
     try:
         if model not in SYSTEMS:
             return plugins.made(cls, f"the plugin {cls.__module__}:{cls.__qualname__}", **parameters)
@@ -235,7 +228,7 @@ def systems() -> dict[str, dict[str, Any]]:
                 for name, parameter in cls.declared.items()
             },
             "defaults": {name: parameter.default for name, parameter in cls.declared.items()},
-            "meanings": {name: parameter.meaning for name, parameter in cls.declared.items()},
+            "meanings": {name: parameter.described for name, parameter in cls.declared.items()},
             "presets": {name: dict(values) for name, values in cls.presets.items()},
             "states": describe_space(instance.state_space.blocks),
             "inputs": describe_space(instance.input_space.blocks),

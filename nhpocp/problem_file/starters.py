@@ -19,12 +19,11 @@ from nhpocp.problem_file.registry import system_class
 from nhpocp.problem_file.schema import Output, ProblemData
 from nhpocp.problem_file.settings import JacobianSettings, NlpSettings, Solvers
 from nhpocp.problem_file.states import Strict
-from nhpocp.state_space import Block, StateSpace
+from nhpocp.state_space import UNIT_WORDS, Block, StateSpace
 from nhpocp.systems.system import Parameter, System
 
 COLUMN, WIDTH = 38, 118  # where the comments begin, and where they end
 EXAMPLES = {"name": "my_problem", "length_scale": 15}  # of keys whose default is no value
-UNITS = {"length": "[length]", "angle": "[rad]"}
 HEAD = """\
 # yaml-language-server: $schema={schema}
 # By the line above editors complete and check this file (in VS Code: the extension YAML). It names a file beside this
@@ -51,7 +50,7 @@ def starter(model: str = "three_upu", schema: str = "nhpocp.schema.json") -> str
         _line("horizon: 1", "the duration T, or {min: 0.5, max: 3, initial: 1} where the NLP may choose"),
         *_control(system, task.get("control", {})),
         *_options(ProblemData, ["objective", "error_length", "length_scale"]),
-        *_constraints(cls, system, task["start"]),
+        *_constraints(system, task["start"]),
         "solvers:",
         *_solvers(),
         "output:",
@@ -125,14 +124,14 @@ def _system(cls: type[System], model: str) -> Iterator[str]:
         names = " | ".join(cls.presets)
         yield _line(f"  preset: {next(iter(cls.presets))}", f"{names}; parameters beside it override it")
     for name, parameter in cls.declared.items():
-        meaning = f"{parameter.meaning}{_other_names(parameter.choices, parameter.meaning)}"
+        meaning = f"{parameter.described}{_other_names(parameter.choices, parameter.meaning)}"
         yield _option(name, _default(parameter), meaning, "  ")
 
 
 def _default(parameter: Parameter) -> Any:
     """A default as a user would write it: angles in degrees."""
     value = parameter.default
-    if isinstance(value, float) and parameter.meaning.endswith("[rad]"):
+    if isinstance(value, float) and parameter.unit == "angle":
         return f"{degrees(value):.12g} deg"
     return "[…]" if value is None else value
 
@@ -153,8 +152,8 @@ def _units(blocks: Sequence[Block]) -> str:
     for block in blocks:
         if block.kind == "rotation":
             words.append(f"{block.name}: rpy [roll, pitch, yaw] [rad], quaternion, rotvec or matrix")
-        elif block.unit in UNITS:
-            words.append(f"{block.name} {UNITS[block.unit]}")
+        elif block.unit:
+            words.append(f"{block.name} {UNIT_WORDS[block.unit]}")
     return ", ".join(words)
 
 
@@ -175,10 +174,10 @@ def _control(system: System, given: Mapping[str, Any]) -> Iterator[str]:
         yield f"    - {_flow(row)}"
 
 
-def _constraints(cls: type[System], system: System, start: Mapping[str, Any]) -> Iterator[str]:
+def _constraints(system: System, start: Mapping[str, Any]) -> Iterator[str]:
     yield _line("constraints:", "what the whole path must respect; examples, no defaults")
     yield _option("control", 10, "greatest |control|, or one [lo, hi] per input", "  ")
-    if "leg_lengths" in (cls.known_outputs() or ()):
+    if "leg_lengths" in (system.known_outputs or ()):
         yield _option("leg_length", [5, 100], "[shortest, longest] leg [length]", "  ")
         yield _option("leg_speed", 200, "greatest |u_i| [length/time]", "  ")
         yield _option("clearance", 0.01, "least σ_min of S and W: the distance from singularities", "  ")

@@ -11,7 +11,10 @@ import numpy as np
 
 from nhpocp.arrays import Array
 from nhpocp.calls import call, mapped
+from nhpocp.errors import InvalidProblemError
 from nhpocp.kept import kept
+from nhpocp.state_space import Block, scalar, shaped
+from nhpocp.systems.margins import det, sigma
 from nhpocp.systems.system import System
 
 ROUNDING = 1e-12  # what an eigenvalue of AᵀA may be wrong by, as a share of their sum
@@ -62,18 +65,29 @@ class NumericSystem:
     def _regularity(self) -> tuple[ca.Function, dict[str, tuple[int, int]]]:
         return self._function("regularity", self._matrices(tuple(self.system.regularity(self._state))))
 
+    @property
+    def matrices(self) -> tuple[str, ...]:
+        """The names of the regularity matrices."""
+        return tuple(self._regularity[1])
+
     @cached_property
-    def names(self) -> list[tuple[str, str, list[str]]]:
-        """Of each part of a trajectory what it is, its name, the names of its numbers."""
-        space, inputs = self.system.state_space, self.system.input_space
-        found = [("state", block.name, block.labels) for block in space.blocks]
-        found += [("input", block.name, block.labels) for block in inputs.blocks]
-        for name, shape in self._outputs[1].items():
-            sizes = shape if shape[1] > 1 else shape[:1] if shape[0] > 1 else ()
-            labels = [name + "".join(f"[{i}]" for i in index) for index in np.ndindex(*sizes)]
-            found.append(("output", name, labels))
-        margins = [f"{kind}_{name}" for kind in ("sigma", "det") for name in self._regularity[1]]
-        return found + [("margin", name, [name]) for name in margins]
+    def quantities(self) -> list[tuple[str, Block]]:
+        """Of each part of a trajectory what it is, state, input, output or margin, and its block."""
+        declared = {block.name: block for block in self.system.output_blocks or ()}
+        outputs = []
+        for name, sizes in self._outputs[1].items():
+            shape = tuple(size for size in sizes if size > 1)
+            block = declared.get(name) or shaped(name, shape)
+            if shape != tuple(size for size in block.shape if size > 1):
+                raise InvalidProblemError(f"output {name!r} is of shape {shape}; declared is {block.shape}")
+            outputs.append(block)
+        margins = [kind(name) for kind in (sigma, det) for name in self.matrices]
+        return [
+            *(("state", block) for block in self.system.state_space.blocks),
+            *(("input", block) for block in self.system.input_space.blocks),
+            *(("output", block) for block in outputs),
+            *(("margin", scalar(margin.name, symbol=margin.symbol)) for margin in margins),
+        ]
 
     @cached_property
     def breaking_function(self) -> ca.Function:
@@ -125,23 +139,24 @@ class NumericSystem:
         return {name: m.size1() for name, m in self._matrices(self.system.breaking()).items()}
 
     def sigmas(self, states: Array, length_scale: float) -> dict[str, Array]:
-        """sigma_* of every regularity matrix at samples: its least singular value, rotations divided by a length."""
+        """The least singular value of every regularity matrix at samples, rotations divided by a length, (k,) each."""
         return {
-            f"sigma_{name}": _least_singular_value(matrices / self.system.column_scales(name, length_scale))
+            name: _least_singular_value(matrices / self.system.column_scales(name, length_scale))
             for name, matrices in self.regularity(states).items()
         }
 
     def least_sigmas(self, states: Array, length_scale: float) -> dict[str, float | None]:
-        """The least of each along samples; None where none is finite."""
+        """The least of each along samples, by `Margin.name`; None where none is finite."""
         return {
-            f"sigma_{name}": _least_along(matrices / self.system.column_scales(name, length_scale))
+            sigma(name).name: _least_along(matrices / self.system.column_scales(name, length_scale))
             for name, matrices in self.regularity(states).items()
         }
 
     def margins(self, states: Array, length_scale: float) -> dict[str, Array]:
-        """The same and det_* of every regularity matrix."""
-        determinants = {f"det_{name}": values for name, values in self.determinants(states).items()}
-        return {**self.sigmas(states, length_scale), **determinants}
+        """Both margins of every regularity matrix at samples, (k,) each, by `Margin.name`."""
+        sigmas, determinants = self.sigmas(states, length_scale), self.determinants(states)
+        named = {sigma(name).name: values for name, values in sigmas.items()}
+        return named | {det(name).name: values for name, values in determinants.items()}
 
     def trajectory(self, states: Array, controls: Array, length_scale: float) -> dict[str, Array]:
         """Everything worth knowing at samples: state blocks, inputs, outputs, margins; (k, …) arrays by name."""

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 from nhpocp.arrays import Array, dot, namespace, solve_3x3, unit
 from nhpocp.errors import InvalidProblemError
-from nhpocp.state_space import StateSpace, rotation, scalar
+from nhpocp.state_space import StateSpace, rotation, scalar, vector
 from nhpocp.systems.legs import Leg
 from nhpocp.systems.parallel_robot import ParallelRobot
 from nhpocp.systems.solids import rod
@@ -27,10 +27,10 @@ class OrientingPlatform(ParallelRobot):
 
     model: ClassVar[str] = "orienting_platform"
     declared: ClassVar[Mapping[str, Parameter]] = {
-        "base_radius": Parameter("positive", 10.0, "A, of the legs' feet [length]"),
-        "platform_radius": Parameter("positive", 10.0, "B, of the legs' heads [length]"),
-        "height": Parameter("positive", 20.0, "H of the ball joint above the feet [length]"),
-        "azimuth": Parameter("number", pi / 2, "angle between the two legs, seen from above [rad]"),
+        "base_radius": Parameter("positive", 10.0, "A, of the legs' feet", unit="length"),
+        "platform_radius": Parameter("positive", 10.0, "B, of the legs' heads", unit="length"),
+        "height": Parameter("positive", 20.0, "H of the ball joint above the feet", unit="length"),
+        "azimuth": Parameter("number", pi / 2, "angle between the two legs, seen from above", unit="angle"),
         "r": Parameter("numbers", [0.0, 0.0, 1.0], "direction about which the ball joint cannot turn"),
         "joint": Parameter(
             "choice",
@@ -46,7 +46,6 @@ class OrientingPlatform(ParallelRobot):
         "control": {"initial": [[0, 0, -28, 0, 0], [0, 28, 0, 0, 0]]},
     }
     state_space = StateSpace([rotation("orientation")])
-    output_names: ClassVar[tuple[str, ...]] = ("u", "leg_lengths", "platform_normal")
     base_radius: float
     platform_radius: float
     height: float
@@ -71,6 +70,7 @@ class OrientingPlatform(ParallelRobot):
         except InvalidProblemError as error:
             raise InvalidProblemError(error.message, path="system.r") from None
         self._set_legs([self._leg(0.0), self._leg(self.azimuth), ball])
+        self.output_blocks = (vector("u", 2, "length", rate=True), *self.output_blocks)
 
     def _leg(self, azimuth: float) -> Leg:
         c, s = cos(azimuth), sin(azimuth)

@@ -121,8 +121,7 @@ class ParallelRobot(System):
         "start": {"position": [0, 0, 25], "orientation": {"rpy": [0, 0, "-30 deg"]}},
         "goal": {"position": [-0.4, -0.2, 30], "orientation": {"rpy": [0, 0, "-60 deg"]}},
     }
-    state_space = StateSpace([vector("position", 3, "length"), rotation("orientation")])
-    output_names: ClassVar[tuple[str, ...]] = ("leg_lengths", "platform_normal")
+    state_space = StateSpace([vector("position", 3, "length", symbol="p"), rotation("orientation")])
     legs: tuple[Leg, ...]
 
     def __init__(self, legs: Sequence[Leg | Mapping[str, Any]] | None = None) -> None:
@@ -139,9 +138,12 @@ class ParallelRobot(System):
         rows = self.motors + self.holonomic + self.non_holonomic
         if rows != 6 or not self.motors:
             raise InvalidProblemError(_miscounted(self.legs, rows, self.motors), path="system.legs")
-        # platform_normal: the direction of the platform's z axis, base coordinates
-        lengths = vector("leg_lengths", sum(not leg.pinned for leg in self.legs), "length")
-        self.pose_outputs: tuple[Block, ...] = (lengths, direction("platform_normal"))  # type: ignore[misc]
+        free = sum(not leg.pinned for leg in self.legs)
+        self.output_blocks: Sequence[Block] = (
+            vector("leg_lengths", free, "length", symbol="l", of_pose=True),
+            # the direction of the platform's z axis, base coordinates
+            direction("platform_normal", of_pose=True),
+        )
 
     def parameters(self) -> dict[str, Any]:
         return {"legs": [leg_data(leg, KEYS) for leg in self.legs]}

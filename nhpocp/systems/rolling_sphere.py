@@ -25,14 +25,14 @@ class RollingSphere(System):
         "contact": Parameter(
             "choice", "rubber", "rubber: no spinning; marble: spins as it likes", ("rubber", "marble")
         ),
-        "radius": Parameter("positive", 1.0, "ρ [length]"),
+        "radius": Parameter("positive", 1.0, "ρ", unit="length"),
     }
     example: ClassVar[Mapping[str, Any]] = {  # on the spot, turned
         "start": {"position": [0, 0], "orientation": {"rpy": [0, 0, 0]}},
         "goal": {"position": [0, 0], "orientation": {"rpy": [0, 0, "90 deg"]}},
         "control": {"harmonics": 2, "initial": [[0, 4, 0, 0, 0], [0, 0, 4, 0, 0]]},
     }
-    state_space = StateSpace([vector("position", 2, "length"), rotation("orientation")])
+    state_space = StateSpace([vector("position", 2, "length", symbol="p"), rotation("orientation")])
     contact: str
     radius: float
 

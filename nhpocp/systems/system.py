@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from inspect import Parameter as SignatureParameter
 from inspect import signature
@@ -12,7 +12,8 @@ from typing import Any, ClassVar, Literal, Self
 from nhpocp.arrays import Array, namespace, symbolic
 from nhpocp.errors import InvalidProblemError
 from nhpocp.frozen import Frozen
-from nhpocp.state_space import Block, StateSpace, check_distinct
+from nhpocp.state_space import UNIT_WORDS, Block, StateSpace, Unit, check_distinct
+from nhpocp.systems.margins import margin
 
 
 @dataclass(frozen=True)
@@ -23,6 +24,13 @@ class Parameter:
     default: Any
     meaning: str
     choices: tuple[str, ...] = ()
+    unit: Unit = ""
+    replaces: tuple[str, ...] = ()  # parameters that it stands for: never given beside it
+
+    @property
+    def described(self) -> str:
+        """The meaning with its unit."""
+        return f"{self.meaning} {UNIT_WORDS[self.unit]}".rstrip()
 
     def checked(self, name: str, value: Any) -> Any:
         """A value for this parameter as plain data. Errors: `InvalidProblemError` naming what came."""
@@ -54,20 +62,19 @@ _COLLECTED = SignatureParameter.VAR_POSITIONAL, SignatureParameter.VAR_KEYWORD
 
 # names that stand for something else in a trajectory, or in the archive that holds its arrays
 RESERVED = ("t", "file", "allow_pickle")
-MARGINS = ("sigma_", "det_")  # what the names of margins begin with
 
 
-def check_names(parts: Sequence[tuple[str, str, Sequence[str]]]) -> None:
+def check_names(parts: Sequence[tuple[str, Block]]) -> None:
     """Errors: `InvalidProblemError` where a part of a trajectory has a name that something else has.
 
-    parts: what it is, its name, the names of its numbers.
+    parts: what it is, and its block.
     """
     check_distinct(parts)
-    for what, name, _ in parts:
-        if what != "margin" and (name in RESERVED or name.startswith(MARGINS)):
+    for what, block in parts:
+        if what != "margin" and (block.name in RESERVED or margin(block.name)):
             raise InvalidProblemError(
-                f"{what} {name!r} is called like something else: {', '.join(RESERVED)}, and what begins with "
-                f"{' or '.join(MARGINS)}, have a meaning of their own in every trajectory; rename it"
+                f"{what} {block.name!r} is called like something else: {', '.join(RESERVED)}, and what begins with "
+                "sigma_ or det_, have a meaning of their own in every trajectory; rename it"
             )
 
 
@@ -88,12 +95,8 @@ class System(Frozen):
     model: ClassVar[str]
     declared: ClassVar[Mapping[str, Parameter]] = {}
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
-    output_names: ClassVar[tuple[str, ...] | None] = (
-        None  # all that `outputs` may give; None: it is asked, once a problem is built
-    )
-    pose_outputs: ClassVar[
-        tuple[Block, ...]
-    ] = ()  # those of `outputs` that depend on x alone: they may be goals
+    # what `outputs` gives; None: nothing is known of it but the shapes, once a problem is built
+    output_blocks: Sequence[Block] | None = None
 
     # a task with the default parameters, for `nhpocp init`: `start`, `goal` and, where the control to begin with
     # matters, `control`, as a problem file writes them
@@ -124,9 +127,9 @@ class System(Frozen):
     def _freeze(self) -> None:
         check_names(
             [
-                *(("state", block.name, block.labels) for block in _blocks(self, "state_space")),
-                *(("input", block.name, block.labels) for block in _blocks(self, "input_space")),
-                *(("output", block.name, block.labels) for block in self.pose_outputs),
+                *(("state", block) for block in _blocks(self, "state_space")),
+                *(("input", block) for block in _blocks(self, "input_space")),
+                *(("output", block) for block in self.output_blocks or ()),
             ]
         )
         super()._freeze()
@@ -198,10 +201,17 @@ class System(Frozen):
         """Named quantities worth plotting or bounding, besides states and inputs."""
         return {}
 
-    @classmethod
-    def known_outputs(cls) -> tuple[str, ...] | None:
+    @property
+    def pose_outputs(self) -> tuple[Block, ...]:
+        """Those of `outputs` that may be goals."""
+        return tuple(block for block in self.output_blocks or () if block.of_pose)
+
+    @property
+    def known_outputs(self) -> tuple[str, ...] | None:
         """The names of `outputs`, as far as they are known without making expressions."""
-        return () if cls.outputs is System.outputs else cls.output_names
+        if self.output_blocks is not None:
+            return tuple(block.name for block in self.output_blocks)
+        return () if type(self).outputs is System.outputs else None
 
     def output(self, name: str, state: Array, control: Array) -> Array:
         """One of `outputs`; override it where there is a shorter way than making them all."""
@@ -222,6 +232,13 @@ class System(Frozen):
     def separating(self) -> tuple[str, ...]:
         """Names of the regularity matrices whose zero no path of the machine may cross for good."""
         return self.breaking()
+
+    def actuated(self) -> tuple[System, Callable[[Array, Array], Array]] | None:
+        """The same motions as the actuators make them: that system, and (x, control) ↦ its input.
+
+        None where this system's own inputs are the actuators', or nothing is known of any.
+        """
+        return None
 
     def default_length_scale(self) -> float:
         """A typical length of the mechanism, which turns rotations into lengths; override it where there is one."""

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from math import cos, hypot, isfinite, pi, sin
 from typing import Any, ClassVar
 
 from nhpocp.arrays import Array, dot, namespace, solve_3x3, symbolic
 from nhpocp.errors import InvalidProblemError
-from nhpocp.state_space import StateSpace, vector
+from nhpocp.state_space import StateSpace, matrix, vector
 from nhpocp.systems.joints import Vector3
 from nhpocp.systems.legs import Leg
 from nhpocp.systems.parallel_robot import ParallelRobot, leg_data
@@ -33,13 +33,13 @@ class ThreeUPU(ParallelRobot):
     model: ClassVar[str] = "three_upu"
     declared: ClassVar[Mapping[str, Parameter]] = {
         "base_radius": Parameter(
-            "positive", 30.0, "A, distance of the spheres from the base's axis [length]"
+            "positive", 30.0, "A, distance of the spheres from the base's axis", unit="length"
         ),
         "platform_radius": Parameter(
-            "positive", 15.0, "B, distance of the universal joints from the platform's axis [length]"
+            "positive", 15.0, "B, distance of the universal joints from the platform's axis", unit="length"
         ),
         "roller_tilt": Parameter(
-            "number", 75 * pi / 180, "β, angle of r from the vertical towards the tangent [rad]"
+            "number", 75 * pi / 180, "β, angle of r from the vertical towards the tangent", unit="angle"
         ),
         "platform_axis": Parameter(
             "choice", "radial", "direction of w4 in the platform", ("radial", "tangential", "normal")
@@ -51,7 +51,10 @@ class ThreeUPU(ParallelRobot):
             ("veselova", "suslov"),
         ),
         "legs": Parameter(
-            "legs", None, "three explicit legs {base, platform, r, w4, joint} instead of all of the above"
+            "legs",
+            None,
+            "three explicit legs {base, platform, r, w4, joint} instead of all of the above",
+            replaces=("base_radius", "platform_radius", "roller_tilt", "platform_axis", "joint"),
         ),
         "form": Parameter(
             "choice",
@@ -77,7 +80,6 @@ class ThreeUPU(ParallelRobot):
         "goal": {"position": [-0.4, -0.2, 35], "orientation": {"rpy": [0, 0, "-90 deg"]}},
         "control": {"initial": [[0, 0.5, 0, 0, 0], [0, 0.5, 0, 0, 0], [1, 0, 0.5, 0, 0]]},
     }
-    output_names: ClassVar[tuple[str, ...]] = ("u", "v", "leg_lengths", "joint_angles", "platform_normal")
 
     def __init__(
         self,
@@ -110,17 +112,20 @@ class ThreeUPU(ParallelRobot):
         if len(built) != 3:
             raise InvalidProblemError(f"{len(built)} legs; the 3-ŬPU robot has 3", path="system.legs")
         self._set_legs(built)
-        speeds = vector("v", 3, "angle") if form == "feedback" else vector("u", 3, "length")
-        self.input_space = StateSpace([speeds])
+        v, u = vector("v", 3, "angle", rate=True), vector("u", 3, "length", rate=True)
+        control, other = (v, u) if form == "feedback" else (u, v)
+        self.input_space = StateSpace([control])
+        lengths, normal = self.output_blocks
+        angles = matrix("joint_angles", 3, 4, "angle", symbol=r"\theta", wraps=True)
+        self.output_blocks = (other, lengths, angles, normal)
 
     def parameters(self) -> dict[str, Any]:
         if self._explicit:
             return {"legs": [leg_data(leg, KEYS) for leg in self.legs], "form": self.form}
         return {**self._shape, "form": self.form}
 
-    def with_form(self, form: str) -> ThreeUPU:
-        """The same robot in the other form of its equations."""
-        return type(self)(**{**self.parameters(), "form": form})
+    def actuated(self) -> tuple[ThreeUPU, Callable[[Array, Array], Array]] | None:
+        return (self.with_(form="original"), self.feedback) if self.form == "feedback" else None
 
     def translation(self, state: Array, v: Array) -> Array:
         """ṗ = S⁻¹ J v, [Paper] eq. (7), which does not mind the scale of a row."""
@@ -159,9 +164,7 @@ class ThreeUPU(ParallelRobot):
         return -xp.solve(self.kinematics(state).W, xp.concatenate([u, 0.0 * u]))[3:6]
 
     def outputs(self, state: Array, control: Array) -> dict[str, Array]:
-        other = "u" if self.form == "feedback" else "v"
-        names = (other, "leg_lengths", "joint_angles", "platform_normal")
-        return {name: self.output(name, state, control) for name in names}
+        return {block.name: self.output(block.name, state, control) for block in self.output_blocks}
 
     def output(self, name: str, state: Array, control: Array) -> Array:
         if name == "u" and self.form == "feedback":

@@ -14,6 +14,7 @@ from nhpocp.arrays import Array
 from nhpocp.constraints import BoundReport, check_bounds
 from nhpocp.solution import Crossing, Replay, Solution, Verdict
 from nhpocp.state_space import Block
+from nhpocp.systems.margins import sigma
 from nhpocp.systems.numeric import NumericSystem
 from nhpocp.verification import geometry
 from nhpocp.verification.crossings import find_crossings
@@ -166,8 +167,8 @@ class _Check:
 
     def _stop(self, path: Path) -> str:
         """Where and why a path ends early, and how close to a singularity."""
-        margins = self.numeric.margins(path(np.array([path.reached])), self.problem.scale)
-        places = [f"{name} = {v[0]:.2g}" for name, v in margins.items() if name.startswith("sigma_")]
+        least = self.numeric.sigmas(path(np.array([path.reached])), self.problem.scale)
+        places = [f"{sigma(name).name} = {values[0]:.2g}" for name, values in least.items()]
         return f"t={path.reached:.6g} of {self.control.horizon:g}: {path.stopped}" + (
             f" ({', '.join(places)} there)" if places else ""
         )
@@ -176,13 +177,12 @@ class _Check:
         """(rolling, leg_rate), the worst of all samples that are not close to where the equations divide by zero."""
         if not geometry.has_legs(self.system):
             return None, None
-        margins = [self.trajectory[f"sigma_{name}"] for name in self.system.breaking()]
-        clear = np.all([margin > NEAR_SINGULAR for margin in margins], axis=0)
+        margins = [sigma(name).name for name in self.system.breaking()]
+        clear = np.all([self.trajectory[name] > NEAR_SINGULAR for name in margins], axis=0)
         if not clear.all():
-            near = " or ".join(f"sigma_{name}" for name in self.system.breaking())
             self.warnings.append(
                 f"rolling and leg speeds were not checked at {np.sum(~clear)} of {len(clear)} samples, "
-                f"where {near} is below {NEAR_SINGULAR:g}"
+                f"where {' or '.join(margins)} is below {NEAR_SINGULAR:g}"
             )
         if not clear.any():
             self.reasons.append("the whole path is too close to a singularity to check that the legs roll")
@@ -201,25 +201,21 @@ class _Check:
 
     def original(self) -> Replay | None:
         """Open-loop replay of eq. (3) under u(t) recovered by eq. (6) along the replay of eq. (7)."""
-        if getattr(self.system, "form", None) != "feedback" or self.path.stopped:
+        actuated = self.system.actuated()
+        if actuated is None or self.path.stopped:
             return None
-        other = self.system.with_form("original")
-        touched = [
-            c for c in self.crossings if c.touches and c.which.removeprefix("det_") in other.breaking()
-        ]
+        other, feedback = actuated
+        touched = [c for c in self.crossings if c.touches and c.matrix in other.breaking()]
         if touched:  # an integrator's steps may pass over such a zero as if it were not there
-            letter = touched[0].which.removeprefix("det_").upper()
             self.warnings.append(
-                f"the original equations (3) divide by det {letter}, which is zero at t={touched[0].time:.6g}"
+                f"the original equations (3) divide by det {touched[0].letter}, which is zero at "
+                f"t={touched[0].time:.6g}"
             )
             return Replay(None, touched[0].time, False)
-        x, driver, v = (
-            ca.SX.sym(n, k) for n, k in (("x", self.space.size), ("y", self.space.size), ("v", 3))
-        )
+        sizes = {"x": self.space.size, "y": self.space.size, "v": self.system.input_space.size}
+        x, driver, v = (ca.SX.sym(name, size) for name, size in sizes.items())
         rate = FastFunction(
-            ca.Function(
-                "original", [x, driver, v], [ca.densify(other.rate(x, self.system.feedback(driver, v)))]
-            )
+            ca.Function("original", [x, driver, v], [ca.densify(other.rate(x, feedback(driver, v)))])
         )
         path = integrate(
             lambda t, state, inputs: rate(state, self.path.at(t), inputs),
@@ -296,6 +292,7 @@ class _Check:
         expected = self.numeric.trajectory(states, controls, self.problem.scale)
         # one that is zero up to rounding has no scale of its own, and one at a pole has no digits
         nudged = self.numeric.trajectory(states * (1 + NUDGE), controls, self.problem.scale)
+        blocks = {block.name: block for _, block in self.numeric.quantities}
         for name, values in expected.items():
             if name in self.space.names or name not in self.solution.trajectory:
                 continue
@@ -303,9 +300,10 @@ class _Check:
             if not self._has_shape(name, stored, (len(seen), *values.shape[1:])):
                 continue
             stored = stored[seen]
-            scale = 1.0 if _is_angle(name) else _largest(values)
-            apart = _largest(_apart(name, stored, values))
-            if not apart <= QUANTITY_TOLERANCE * scale + 10 * _largest(_apart(name, nudged[name], values)):
+            block = blocks[name]
+            scale = 1.0 if block.wraps else _largest(values)
+            apart = _largest(_apart(block, stored, values))
+            if not apart <= QUANTITY_TOLERANCE * scale + 10 * _largest(_apart(block, nudged[name], values)):
                 self.reasons.append(f"the stored {name} is off the replay's by {apart:.3g}")
 
     def _has_shape(self, name: str, stored: Array, shape: tuple[int, ...]) -> bool:
@@ -322,9 +320,9 @@ class _Check:
     def judged_crossings(self) -> list[Crossing]:
         """The zeros of the determinants; fatal where the system's own equations divide by one."""
         for crossing in self.crossings:
-            letter, where = crossing.which.removeprefix("det_").upper(), f"t={crossing.time:.6g}"
+            letter, where = crossing.letter, f"t={crossing.time:.6g}"
             does = "touches zero" if crossing.touches else "changes its sign"
-            if letter.lower() in self.system.breaking():
+            if crossing.matrix in self.system.breaking():
                 if not self.path.stopped:  # else the replay ended there and has said so
                     self.reasons.append(f"det {letter}, by which these equations divide, is zero at {where}")
             elif letter == "W":
@@ -356,12 +354,7 @@ def _largest(values: Array) -> float:
     return float(np.abs(values).max(initial=0.0))
 
 
-def _is_angle(name: str) -> bool:
-    """By what systems call their outputs: joint_angles, hitch_angle."""
-    return name.endswith(("angle", "angles"))
-
-
-def _apart(name: str, values: Array, others: Array) -> Array:
-    """The difference; for angles the shorter way round, since they jump by 2π where they are cut."""
+def _apart(block: Block, values: Array, others: Array) -> Array:
+    """The difference; the shorter way round for angles that jump by 2π where they are cut."""
     difference = values - others
-    return np.angle(np.exp(1j * difference)) if _is_angle(name) else difference
+    return np.angle(np.exp(1j * difference)) if block.wraps else difference

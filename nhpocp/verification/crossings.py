@@ -12,6 +12,7 @@ from nhpocp import so3
 from nhpocp.arrays import Array
 from nhpocp.solution import Crossing
 from nhpocp.state_space import StateSpace
+from nhpocp.systems.margins import det
 from nhpocp.systems.numeric import NumericSystem
 from nhpocp.verification.replay import Path
 
@@ -29,15 +30,15 @@ def find_crossings(numeric: NumericSystem, path: Path, times: Array, length_scal
             return float(numeric.determinants(path(np.array([t])))[name][0])
 
         def sigma(t: float, name: str = name) -> float:
-            return float(numeric.sigmas(path(np.array([t])), length_scale)[f"sigma_{name}"][0])
+            return float(numeric.sigmas(path(np.array([t])), length_scale)[name][0])
 
         signs = np.sign(values[np.isfinite(values) & (values != 0)])
         returns = bool(len(signs) and signs[0] == signs[-1])
         crossed = sign_changes(determinant, times, values)
-        touched = touches(sigma, times, sigmas[f"sigma_{name}"], crossed)
+        touched = touches(sigma, times, sigmas[name], crossed)
         for time, touch in [*((t, False) for t in crossed), *((t, True) for t in touched)]:
             state = describe_state(numeric.system.state_space, path(np.array([time]))[0])
-            found.append(Crossing(f"det_{name}", time, state, touch or returns, touch))
+            found.append(Crossing(det(name).name, time, state, touch or returns, touch))
     return sorted(found, key=lambda crossing: crossing.time)
 
 

@@ -169,8 +169,8 @@ def _sides(bound: Bound, shape: tuple[int, ...]) -> _Sides:
 
 
 def _family(bound: Bound, problem: PlanningProblem) -> _Family:
-    if bound.quantity.startswith("sigma_"):
-        return _Clearance(bound, problem)
+    if bound.margin:
+        return _Clearance(bound, bound.margin.matrix, problem)
     return _Boxed(bound, problem.system)
 
 
@@ -211,8 +211,8 @@ class _Clearance:
     own: where the two meet, the least alone has a kink.
     """
 
-    def __init__(self, bound: Bound, problem: PlanningProblem) -> None:
-        self._name, self._numeric = bound.quantity.removeprefix("sigma_"), numeric_system(problem.system)
+    def __init__(self, bound: Bound, matrix: str, problem: PlanningProblem) -> None:
+        self._name, self._numeric = matrix, numeric_system(problem.system)
         self._columns = np.asarray(problem.system.column_scales(self._name, problem.scale))
         self._orientation = np.sign(self._numeric.determinants(problem.start_point[None])[self._name][0])
         lower, upper = (float(np.asarray(side).ravel()[0]) for side in (bound.lower, bound.upper))

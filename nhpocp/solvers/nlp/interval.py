@@ -256,7 +256,7 @@ def units_of(problem: PlanningProblem, bounds: Sequence[Bound], softening: float
     cost = objective.scale(scales)
     soft = cost * (objective.softenings[-1] if softening is None else softening)
     own = [scales.length, scales.number, scales.time, cost, soft]
-    return np.array([*own, *(1.0 if b.quantity.startswith("sigma_") else b.scale for b in bounds)])
+    return np.array([*own, *(1.0 if b.margin else b.scale for b in bounds)])
 
 
 def interval_of(
