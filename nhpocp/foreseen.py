@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from nhpocp.arrays import Array
-from nhpocp.constraints import Bound
+from nhpocp.constraints.bound import Bound
 from nhpocp.objectives.registry import OBJECTIVES
 from nhpocp.problem import PlanningProblem
 from nhpocp.systems.numeric import numeric_system

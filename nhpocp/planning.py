@@ -8,7 +8,7 @@ from time import perf_counter
 import numpy as np
 
 from nhpocp.arrays import Array
-from nhpocp.constraints import check_bounds
+from nhpocp.constraints.bound import check_bounds
 from nhpocp.deferred import at_hand
 from nhpocp.flow.simulation import simulate
 from nhpocp.foreseen import contradiction, endless

@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from nhpocp.arrays import Array
-from nhpocp.constraints import Bound
+from nhpocp.constraints.bound import Bound
 from nhpocp.controls.basis import ControlBasis
 from nhpocp.controls.control import Control
 from nhpocp.controls.fourier import Fourier

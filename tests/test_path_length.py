@@ -11,7 +11,7 @@ from conftest import Integrators, Turntable, paper_problem, yaw
 from ferry import Ferry
 
 import nhpocp
-from nhpocp.constraints import Bound
+from nhpocp.constraints.bound import Bound
 from nhpocp.flow.compiled.kernels import Interpreted
 from nhpocp.flow.cost_map import cost_map
 from nhpocp.flow.integrators import RungeKutta4

@@ -17,7 +17,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nhpocp import so3
-from nhpocp.constraints import Bound, check_bounds
+from nhpocp.constraints.bound import Bound, check_bounds
 from nhpocp.controls.fourier import Fourier
 from nhpocp.errors import InvalidProblemError
 from nhpocp.flow.integrators import Cvodes

@@ -6,7 +6,7 @@ from conftest import paper_problem
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nhpocp.constraints import Bound
+from nhpocp.constraints.bound import Bound
 from nhpocp.objectives.registry import OBJECTIVES
 from nhpocp.problem import Horizon, PlanningProblem, Via
 from nhpocp.state_space import StateSpace, scalar, vector

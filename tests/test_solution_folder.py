@@ -18,7 +18,7 @@ import pytest
 from conftest import PAPER_START, paper_problem
 
 from nhpocp import planning
-from nhpocp.constraints import Bound
+from nhpocp.constraints.bound import Bound
 from nhpocp.errors import InvalidProblemError, UnreadableSolutionError
 from nhpocp.problem_file import load_problem
 from nhpocp.provenance import environment

@@ -25,7 +25,7 @@ from nhpocp.problem_file.states import plain_state
 from nhpocp.provenance import c_compiler, without_compiler
 
 if TYPE_CHECKING:
-    from nhpocp.constraints import Bound
+    from nhpocp.constraints.bound import Bound
     from nhpocp.controls.basis import ControlBasis
     from nhpocp.controls.control import Control
     from nhpocp.problem import PlanningProblem
@@ -297,7 +297,7 @@ _BUILDERS: dict[str, tuple[type[Any], Callable[[Any, Any, Any], Any]]] = {
 
 def build_bounds(data: ProblemData, system: System) -> list[Bound]:
     """The `constraints` block as bounds on named quantities."""
-    from nhpocp.constraints import Bound
+    from nhpocp.constraints.bound import Bound
 
     given, bounds = data.constraints, []
     if given.leg_length is not None:
@@ -319,7 +319,7 @@ def build_bounds(data: ProblemData, system: System) -> list[Bound]:
 
 def _control_bounds(given: float | list[list[float | None]], system: System) -> list[Bound]:
     """One bound per input block; ``given`` counts single inputs."""
-    from nhpocp.constraints import Bound
+    from nhpocp.constraints.bound import Bound
 
     blocks, bounds, first = system.input_space.blocks, [], 0
     for block in blocks:

@@ -13,7 +13,7 @@ from nhpocp.problem_file.reading import read_text
 from nhpocp.problem_file.settings import JacobianSettings, NlpSettings
 
 if TYPE_CHECKING:
-    from nhpocp.constraints import Bound
+    from nhpocp.constraints.bound import Bound
     from nhpocp.problem import PlanningProblem
 
 _SETTINGS: dict[str, type[JacobianSettings | NlpSettings]] = {

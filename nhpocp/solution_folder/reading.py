@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from nhpocp.arrays import Array
-from nhpocp.constraints import BoundReport
+from nhpocp.constraints.bound import BoundReport
 from nhpocp.controls.control import Control
 from nhpocp.errors import InvalidProblemError, UnreadableSolutionError
 from nhpocp.problem import PlanningProblem

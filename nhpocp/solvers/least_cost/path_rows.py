@@ -15,7 +15,7 @@ import numpy as np
 
 from nhpocp.arrays import Array
 from nhpocp.calls import call, mapped
-from nhpocp.constraints import Bound, BoundReport, check_bounds
+from nhpocp.constraints.bound import Bound, BoundReport, check_bounds
 from nhpocp.controls.basis import ControlBasis
 from nhpocp.controls.control import Control
 from nhpocp.flow.dynamics import Dynamics

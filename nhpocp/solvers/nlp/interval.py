@@ -11,7 +11,7 @@ import numpy as np
 
 from nhpocp.arrays import Array
 from nhpocp.calls import call, mapped
-from nhpocp.constraints import Bound, bound_rows
+from nhpocp.constraints.bound import Bound, bound_rows
 from nhpocp.controls.basis import ControlBasis
 from nhpocp.controls.piecewise_constant import PiecewiseConstant
 from nhpocp.flow.shot import Shot, part

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from nhpocp.constraints import check_bounds
+from nhpocp.constraints.bound import check_bounds
 from nhpocp.errors import InvalidProblemError
 from nhpocp.flow.compiled.kernels import CompiledWhenReady, Kernels
 from nhpocp.interruption import Interruption

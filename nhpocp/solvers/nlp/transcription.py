@@ -21,7 +21,7 @@ import casadi as ca
 import numpy as np
 
 from nhpocp.arrays import Array
-from nhpocp.constraints import Bound
+from nhpocp.constraints.bound import Bound
 from nhpocp.controls.basis import ControlBasis
 from nhpocp.controls.control import Control
 from nhpocp.controls.piecewise_constant import PiecewiseConstant
