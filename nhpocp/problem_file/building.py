@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Any
 
+from nhpocp.constraints.registry import bounds_of
 from nhpocp.controls.registry import BASES
 from nhpocp.errors import InvalidProblemError, MissingDependencyError
 from nhpocp.problem_file.control import ControlBlock
@@ -25,11 +26,9 @@ from nhpocp.problem_file.states import plain_state
 from nhpocp.provenance import c_compiler, without_compiler
 
 if TYPE_CHECKING:
-    from nhpocp.constraints.bound import Bound
     from nhpocp.controls.basis import ControlBasis
     from nhpocp.controls.control import Control
     from nhpocp.problem import PlanningProblem
-    from nhpocp.systems.system import System
 
 # key -> name in the file -> "module:Class"
 AVAILABLE: dict[str, dict[str, str]] = {
@@ -115,7 +114,7 @@ def build(file: ProblemFile) -> PlanningProblem:
             error_length=data.error_length,
             length_scale=data.length_scale,
             via=[Via(via.at, plain_state(via.values)) for via in data.via],
-            bounds=build_bounds(data, system),
+            bounds=bounds_of(data.constraints.given(), system),
             solvers=_build_solvers(data),
             samples=data.output.samples,
             pictures=data.output.pictures,
@@ -293,54 +292,3 @@ _BUILDERS: dict[str, tuple[type[Any], Callable[[Any, Any, Any], Any]]] = {
     "jacobian": (JacobianSettings, _build_jacobian),
     "nlp": (NlpSettings, _build_nlp),
 }
-
-
-def build_bounds(data: ProblemData, system: System) -> list[Bound]:
-    """The `constraints` block as bounds on named quantities."""
-    from nhpocp.constraints.bound import Bound
-
-    given, bounds = data.constraints, []
-    if given.leg_length is not None:
-        bounds.append(Bound("leg_length", "leg_lengths", *_sides(given.leg_length)))
-    if given.leg_speed is not None:
-        bounds.append(Bound("leg_speed", "u", -given.leg_speed, given.leg_speed))
-    if given.control is not None:
-        bounds += _control_bounds(given.control, system)
-    if given.clearance is not None:
-        start = system.state_space.pack(plain_state(data.start))
-        bounds += [
-            Bound(f"clearance.sigma_{which}", f"sigma_{which}", given.clearance)
-            for which in system.regularity(start)
-        ]
-    for name, bound in (given.state or {}).items():
-        bounds.append(Bound(f"state.{name}", name, *_sides(bound)))
-    return bounds
-
-
-def _control_bounds(given: float | list[list[float | None]], system: System) -> list[Bound]:
-    """One bound per input block; ``given`` counts single inputs."""
-    from nhpocp.constraints.bound import Bound
-
-    blocks, bounds, first = system.input_space.blocks, [], 0
-    for block in blocks:
-        label = "control" if len(blocks) == 1 else f"control.{block.name}"
-        if isinstance(given, list):
-            pairs = given[first : first + block.size]
-            columns = [[pair[side] for pair in pairs] for side in (0, 1)]
-            low, high = _sides(columns if block.kind == "vector" else [column[0] for column in columns])
-        else:
-            low, high = -given, given
-        bounds.append(Bound(label, block.name, low, high))
-        first += block.size
-    return bounds
-
-
-def _sides(pair: Sequence[Any]) -> tuple[Any, Any]:
-    """Lower and upper bounds; an open side is infinite."""
-
-    def closed(value: Any, infinite: float) -> Any:
-        if isinstance(value, list):
-            return [closed(x, infinite) for x in value]
-        return infinite if value is None else value
-
-    return closed(pair[0], float("-inf")), closed(pair[1], float("inf"))

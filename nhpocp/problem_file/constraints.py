@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import (
     AfterValidator,
@@ -11,8 +11,11 @@ from pydantic import (
     Discriminator,
     Field,
     Tag,
+    create_model,
 )
 
+from nhpocp.constraints.kind import Shape
+from nhpocp.constraints.registry import KINDS
 from nhpocp.problem_file.issues import Issue, Refusal
 from nhpocp.problem_file.numbers import NUMBER_SCHEMA, Checked, NotNegative, describe, parse_number
 from nhpocp.problem_file.states import Strict
@@ -88,49 +91,47 @@ StateBound = Annotated[
 ]
 
 
+_SHAPES: dict[Shape, Any] = {
+    "number": NotNegative,
+    "pair": Pair,
+    "number or pairs": ControlBound,
+    "pairs by name": dict[str, StateBound],
+}
+
+
 class Constraints(Strict):
     """Bounds along the path; null as one side of a pair leaves that side open."""
 
-    leg_length: Pair | None = Field(default=None, description="[shortest, longest] leg")
-    leg_speed: NotNegative | None = Field(default=None, description="greatest |u_i|")
-    control: ControlBound | None = Field(
-        default=None, description="greatest |control|, or one [lo, hi] per input"
-    )
-    clearance: NotNegative | None = Field(
-        default=None, description="least singular value of S and W, rotation columns divided by length_scale"
-    )
-    state: dict[str, StateBound] | None = Field(
-        default=None, description="[lo, hi], or [[lo, …], [hi, …]], by the name of a state block or an output"
-    )
+    def given(self) -> dict[str, Any]:
+        """What is bounded, by the keys of the block."""
+        return {key: value for key in KINDS if (value := getattr(self, key)) is not None}
 
 
-OF_LEGS = ("leg_length", "leg_speed")
+_FIELDS: dict[str, Any] = {
+    key: (_SHAPES[kind.shape] | None, Field(default=None, description=kind.meaning))
+    for key, kind in KINDS.items()
+}
+if not TYPE_CHECKING:
+    Constraints = create_model("Constraints", __base__=Constraints, __doc__=Constraints.__doc__, **_FIELDS)
 
 
 def check_constraints(value: Constraints, system: System, outputs: tuple[str, ...] | None) -> Constraints:
-    """The same constraints, if the system has everything that they name."""
+    """The block itself, if the system has everything that it names."""
     if issues := list(_misfits(value, system, outputs)):
         raise Refusal(issues)
     return value
 
 
 def _misfits(value: Constraints, system: System, outputs: tuple[str, ...] | None) -> Iterator[Issue]:
-    if outputs is not None and "leg_lengths" not in outputs:
-        for name in OF_LEGS:
-            if getattr(value, name) is not None:
-                yield Issue((name,), f"the system {system.model} has no legs; remove it", at_key=True)
-    if value.clearance is not None and type(system).regularity is System.regularity:
-        words = f"the system {system.model} has no legs, or what else becomes singular; remove it"
-        yield Issue(("clearance",), words, at_key=True)
-    inputs = system.input_space.labels
-    if isinstance(value.control, list) and len(value.control) != len(inputs):
-        yield Issue(
-            ("control",),
-            f"{len(value.control)} pairs; expected {len(inputs)}, one [lo, hi] per input ({', '.join(inputs)})",
-        )
+    given = value.given()
+    for key, asked in given.items():
+        if words := KINDS[key].lacking(system):
+            yield Issue((key,), words, at_key=True)
+        elif words := KINDS[key].misfit(asked, system):
+            yield Issue((key,), words)
     blocks = {block.name: block for block in system.state_space.blocks}
     known = [name for name, block in blocks.items() if block.kind != "rotation"] + list(outputs or ())
-    for name, bound in (value.state or {}).items():
+    for name, bound in given.get("state", {}).items():
         block = blocks.get(name)
         if block is None:
             if outputs is not None and name not in known:

@@ -40,7 +40,7 @@ def coarse_tolerance(data: ProblemData, system: System) -> Iterator[Issue]:
 
 def file_scales(data: ProblemData, system: System) -> Scales:
     """What counts as 1 in the problem of a file, as `PlanningProblem.scales`."""
-    bounds = data.constraints.state or {}
+    bounds = data.constraints.given().get("state", {})
     boxes = [
         (name, *(_unbounded(s, e) for s, e in zip(pair, (-inf, inf), strict=True)))
         for name, pair in bounds.items()
@@ -72,9 +72,10 @@ def _size(scales: Scales, name: str) -> tuple[float, bool]:
 
 def _bounds(constraints: Constraints) -> Iterator[tuple[str, str, list[Any]]]:
     """(label in messages, quantity, [lo, hi]) of every bound that a pose alone may break."""
-    if constraints.leg_length is not None:
-        yield "leg_length", "leg_lengths", constraints.leg_length
-    for name, pair in (constraints.state or {}).items():
+    given = constraints.given()
+    if "leg_length" in given:
+        yield "leg_length", "leg_lengths", given["leg_length"]
+    for name, pair in given.get("state", {}).items():
         yield dotted(("state", name)), name, pair
 
 

@@ -13,6 +13,7 @@ from typing import Any, get_args
 
 from pydantic.fields import FieldInfo
 
+from nhpocp.constraints.registry import KINDS
 from nhpocp.problem_file.control import BLOCKS
 from nhpocp.problem_file.numbers import Choice
 from nhpocp.problem_file.registry import system_class
@@ -176,19 +177,9 @@ def _control(system: System, given: Mapping[str, Any]) -> Iterator[str]:
 
 def _constraints(system: System, start: Mapping[str, Any]) -> Iterator[str]:
     yield _line("constraints:", "what the whole path must respect; examples, no defaults")
-    yield _option("control", 10, "greatest |control|, or one [lo, hi] per input", "  ")
-    if "leg_lengths" in (system.known_outputs or ()):
-        yield _option("leg_length", [5, 100], "[shortest, longest] leg [length]", "  ")
-        yield _option("leg_speed", 200, "greatest |u_i| [length/time]", "  ")
-        yield _option("clearance", 0.01, "least σ_min of S and W: the distance from singularities", "  ")
-    for block in system.state_space.blocks:
-        if block.kind != "rotation":
-            value = start[block.name]
-            least = min(value) if isinstance(value, list) else value
-            if isinstance(least, int | float):
-                bound = {block.name: [least - 50, least + 100]}
-                yield _option("state", bound, "[lo, hi] of a part of the state, or of an output", "  ")
-            return
+    for key, kind in KINDS.items():
+        if (value := kind.shown(system, start)) is not None:
+            yield _option(key, value, kind.meaning, "  ")
 
 
 def _solvers() -> Iterator[str]:
