@@ -187,15 +187,13 @@ class Interval:
 
     def _cost(self, s: ca.SX, length: Any, quadrature: ca.SX, units: ca.SX) -> Any:
         """q of an interval of that length in time."""
-        objective, ratio = (
-            OBJECTIVES[self.problem.objective],
-            s[self.statics - 1 : self.statics, :],
-        )  # T to its first
+        objective = OBJECTIVES[self.problem.objective]
         if isinstance(objective, ControlObjective):
             return length * self._quadratic(objective, s, units)
         if not isinstance(objective, PathObjective):
             return length
         if objective.pace == 0 and self.free_horizon:
+            ratio = s[self.statics - 1]  # of T to its first value
             return quadrature * (1.0 + STEADY * (ratio + 1.0 / ratio - 2.0))
         return quadrature
 
