@@ -24,9 +24,10 @@ from nhpocp.problem import PlanningProblem
 from nhpocp.provenance import machine, peak_memory, reset_peak_memory
 from nhpocp.solution import Outcome, Progress, Solution, Solver, telling
 from nhpocp.solvers.nlp.guesses import starting_horizon
+from nhpocp.solvers.registry import SOLVERS
 
 SCHEMA_VERSION = 1
-VARIANTS = ("jacobian", "nlp")
+VARIANTS = ("jacobian", "nlp")  # what is compared unless told
 # what a solver can stumble over that is no mistake of ours: its message is enough
 FAILURES = (NhpocpError, RuntimeError, ArithmeticError, np.linalg.LinAlgError, MemoryError)
 
@@ -209,17 +210,12 @@ def _own(problem: PlanningProblem, name: str) -> Run:
     """A problem with its own solver of that name, or the method's defaults."""
     if name in problem.solvers:
         return Run(problem, problem.solvers[name], name)
-    if name == "jacobian":
-        from nhpocp.solvers.continuation.continuation import Continuation
-
-        return Run(problem, Continuation(), name)
-    if name == "nlp":
-        from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting
-
-        return Run(problem, MultipleShooting(), name)
-    raise InvalidProblemError(
-        f"unknown variant {name!r}; expected jacobian or nlp, or a `Run` with a solver of its own"
-    )
+    if name not in SOLVERS:
+        known = " or ".join(SOLVERS)
+        raise InvalidProblemError(
+            f"unknown variant {name!r}; expected {known}, or a `Run` with a solver of its own"
+        )
+    return Run(problem, SOLVERS[name]().solver(None, {}), name)
 
 
 def _solved(run: Run, progress: Progress | None) -> Solution:

@@ -1,14 +1,8 @@
-"""A validated problem file made into a `PlanningProblem`: here, and only here, names become objects.
-
-`AVAILABLE` lists what each name of the file can be built from; a name that the file may use and that is not listed is
-answered with what is.
-"""
+"""A validated problem file made into a `PlanningProblem`."""
 
 from __future__ import annotations
 
-import importlib
-import importlib.util
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Any
 
@@ -21,61 +15,18 @@ from nhpocp.problem_file.plugins import words
 from nhpocp.problem_file.reading import ProblemFile, read, read_text
 from nhpocp.problem_file.registry import SYSTEMS
 from nhpocp.problem_file.schema import FreeHorizon, ProblemData
-from nhpocp.problem_file.settings import JacobianSettings, NlpSettings
-from nhpocp.problem_file.states import plain_state
+from nhpocp.problem_file.settings import BLOCKS
+from nhpocp.problem_file.states import Strict, plain_state
 from nhpocp.provenance import c_compiler, without_compiler
+from nhpocp.solvers.registry import SOLVERS
+from nhpocp.solvers.settings import KERNELS
 
 if TYPE_CHECKING:
     from nhpocp.controls.basis import ControlBasis
     from nhpocp.controls.control import Control
+    from nhpocp.flow.compiled.kernels import Kernels
     from nhpocp.problem import PlanningProblem
-
-# key -> name in the file -> "module:Class"
-AVAILABLE: dict[str, dict[str, str]] = {
-    "solvers.jacobian.step_rule": {
-        "euler": "nhpocp.solvers.continuation.step_rules:Euler",
-        "adaptive": "nhpocp.solvers.continuation.step_rules:Adaptive",
-        "ode": "nhpocp.solvers.continuation.step_rules:Ode",
-        "auto": "nhpocp.solvers.continuation.step_rules:Adaptive",
-    },
-    "solvers.jacobian.inverse": {
-        "moore_penrose": "nhpocp.solvers.continuation.generalized_inverses:MoorePenrose",
-        "damped": "nhpocp.solvers.continuation.generalized_inverses:Damped",
-        "transpose": "nhpocp.solvers.continuation.generalized_inverses:Transpose",
-        "lagrangian": "nhpocp.solvers.continuation.generalized_inverses:Lagrangian",
-    },
-    "solvers.jacobian.metric": {
-        "coefficients": "nhpocp.solvers.metrics:CoefficientMetric",
-        "l2": "nhpocp.solvers.metrics:L2Metric",
-    },
-    "solvers.jacobian.integrator": {
-        "rk4": "nhpocp.flow.integrators:RungeKutta4",
-        "rk": "nhpocp.flow.integrators:CasadiRungeKutta",
-        "cvodes": "nhpocp.flow.integrators:Cvodes",
-    },
-    "solvers.jacobian.sensitivity": {
-        "automatic": "nhpocp.flow.end_point_map:DifferentiatedEndPointMap",
-        "variational": "nhpocp.flow.end_point_map:VariationalEndPointMap",
-    },
-    "solvers.compile": {
-        "auto": "nhpocp.flow.compiled.kernels:CompiledWhenReady",
-        "always": "nhpocp.flow.compiled.kernels:Compiled",
-        "never": "nhpocp.flow.compiled.kernels:Interpreted",
-    },
-    "solvers.nlp.shooting": {
-        "multiple": "nhpocp.solvers.nlp.transcription:Transcription",
-        "single": "nhpocp.solvers.nlp.single_shooting:SingleShooting",
-    },
-    "solvers.nlp.plugin": {
-        "ipopt": "nhpocp.solvers.nlp.optimizers:Ipopt",
-        "fatrop": "nhpocp.solvers.nlp.optimizers:Fatrop",
-    },
-    "solvers.nlp.initial": {
-        "problem": "nhpocp.solvers.nlp.guesses:ProblemGuess",
-        "jacobian": "nhpocp.solvers.nlp.guesses:SolverGuess",
-        "straight": "nhpocp.solvers.nlp.guesses:StraightGuess",
-    },
-}
+    from nhpocp.solution import Solver
 
 
 def load_problem(path: str | FilePath, overrides: Sequence[str] = ()) -> PlanningProblem:
@@ -153,21 +104,6 @@ def _try_out(problem: PlanningProblem) -> None:
         raise InvalidProblemError(fault, path="system.model")
 
 
-def _available(key: str, name: str) -> Callable[..., Any]:
-    """The class behind a name of the file."""
-    known = AVAILABLE[key]
-    if name not in known:
-        raise InvalidProblemError(_not_available(key, name, list(known)), path=key)
-    module, _, attribute = known[name].partition(":")
-    found: Callable[..., Any] = getattr(importlib.import_module(module), attribute)
-    return found
-
-
-def _not_available(key: str, value: Any, known: Sequence[Any]) -> str:
-    setting = key.rpartition(".")[2]
-    return f"{setting} {value!r} is not available in this version; available: {', '.join(map(str, known))}"
-
-
 def build_basis(data: ControlBlock) -> ControlBasis:
     """The basis of a `control` block."""
     return data.made()
@@ -194,33 +130,33 @@ def control_from_json(data: Mapping[str, Any]) -> Control:
         raise InvalidProblemError(f"no control in {type(error).__name__}: {error}", path="control") from None
 
 
-def _build_solvers(data: ProblemData) -> dict[str, Any]:
-    """Both solvers; the NLP's `initial: jacobian` is the file's own Jacobian method."""
+def _build_solvers(data: ProblemData) -> dict[str, Solver]:
+    """Every solver, in the order of the registry; those that come later may begin with what an earlier one finds."""
     if data.solvers.compile == "always" and not c_compiler():
         raise MissingDependencyError(
             f"solvers.compile: `always` needs a C compiler, but {without_compiler()}; install one, or write `auto`"
         )
-    kernels = _available("solvers.compile", data.solvers.compile)()
-    jacobian = build_solver("jacobian", data.solvers.jacobian, kernels=kernels)
-    return {"jacobian": jacobian, "nlp": build_solver("nlp", data.solvers.nlp, jacobian, kernels)}
+    kernels = KERNELS[data.solvers.compile]()
+    solvers: dict[str, Solver] = {}
+    for name in SOLVERS:
+        solvers[name] = build_solver(name, getattr(data.solvers, name), solvers, kernels)
+    return solvers
 
 
 def build_solver(
     name: str,
-    data: JacobianSettings | NlpSettings | Mapping[str, Any] | None = None,
-    jacobian: Any = None,
-    kernels: Any = None,
-) -> Any:
+    data: Strict | Mapping[str, Any] | None = None,
+    others: Mapping[str, Solver] | None = None,
+    kernels: Kernels | None = None,
+) -> Solver:
     """A solver object from its settings: a block of the file, validated or plain data; None: the defaults.
 
-    ``jacobian``: the solver whose solution `initial: jacobian` of the NLP starts from. ``kernels``: how the Jacobian
-    method's own integrator evaluates its sweeps, and the NLP its intervals; None: by their default.
+    ``others`` and ``kernels``: as of `SolverSettings.solver`. Errors: `InvalidProblemError` with the key that is wrong.
     """
-    if name not in _BUILDERS:
-        raise InvalidProblemError(_not_available("solver", name, list(_BUILDERS)), path="solvers")
-    model, builder = _BUILDERS[name]
-    settings = data if isinstance(data, model) else _validated(name, model, data or {})
-    return builder(settings, jacobian, kernels)
+    if name not in SOLVERS:
+        raise InvalidProblemError(f"unknown solver {name!r}; available: {', '.join(SOLVERS)}", path="solvers")
+    block = data if isinstance(data, Strict) else _validated(name, BLOCKS[name], data or {})
+    return SOLVERS[name](**block.model_dump()).solver(kernels, others or {})
 
 
 def _validated(name: str, model: type[Any], data: Any) -> Any:
@@ -234,61 +170,3 @@ def _validated(name: str, model: type[Any], data: Any) -> Any:
     except ValidationError as error:
         issue = translate(error, model)[0].under(("solvers", name))
         raise InvalidProblemError(issue.words, path=dotted(issue.path)) from None
-
-
-def _build_jacobian(data: JacobianSettings, _: Any, kernels: Any) -> Any:
-    from nhpocp.solvers.continuation.continuation import Continuation
-
-    integrator = _available("solvers.jacobian.integrator", data.integrator)
-    chosen = {"kernels": kernels} if kernels is not None and data.integrator == "rk4" else {}
-    rule = _available("solvers.jacobian.step_rule", data.step_rule)
-    solver = Continuation(
-        step_rule=rule() if data.step_rule in ("adaptive", "auto") else rule(gamma=data.gamma),
-        inverse=_available("solvers.jacobian.inverse", data.inverse)(),
-        metric=_available("solvers.jacobian.metric", data.metric)(),
-        integrator=integrator(steps=data.steps, **chosen),
-        sensitivity=_available("solvers.jacobian.sensitivity", data.sensitivity),
-        tolerance=data.tolerance,
-        max_iterations=data.max_iterations,
-        objective=data.objective,
-        seed=data.seed,
-    )
-    if data.step_rule == "auto":
-        from nhpocp.solvers.continuation.auto import Auto
-
-        return Auto(solver, restarts=max(Auto.restarts, data.starts - 1))
-    if data.starts > 1:
-        from nhpocp.solvers.continuation.multi_start import MultiStart
-
-        return MultiStart(solver, data.starts)
-    return solver
-
-
-def _build_nlp(data: NlpSettings, jacobian: Any, kernels: Any) -> Any:
-    from nhpocp.solvers.nlp.guesses import SolverGuess
-    from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting
-
-    if data.plugin == "fatrop" and data.shooting == "single":
-        raise InvalidProblemError("fatrop needs the stages of multiple shooting", path="solvers.nlp.plugin")
-    maker = _available("solvers.nlp.initial", data.initial)
-    transcription: Any = _available("solvers.nlp.shooting", data.shooting)
-    return MultipleShooting(
-        intervals=data.intervals,
-        steps_per_interval=data.steps_per_interval if isinstance(data.steps_per_interval, int) else None,
-        over_basis=data.control == "basis",
-        transcription=transcription,
-        optimizer=_available("solvers.nlp.plugin", data.plugin)(
-            tolerance=data.tolerance, max_iterations=data.max_iterations
-        ),
-        guess=SolverGuess(jacobian or build_solver("jacobian")) if maker is SolverGuess else maker(),
-        starts=data.starts,
-        seed=data.seed,
-        mesh_check=data.mesh_check,
-        **({} if kernels is None else {"kernels": kernels}),
-    )
-
-
-_BUILDERS: dict[str, tuple[type[Any], Callable[[Any, Any, Any], Any]]] = {
-    "jacobian": (JacobianSettings, _build_jacobian),
-    "nlp": (NlpSettings, _build_nlp),
-}

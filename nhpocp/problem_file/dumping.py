@@ -11,15 +11,11 @@ from typing import TYPE_CHECKING, Any
 from nhpocp.constraints.registry import block_of
 from nhpocp.errors import InvalidProblemError
 from nhpocp.problem_file.reading import read_text
-from nhpocp.problem_file.settings import JacobianSettings, NlpSettings
+from nhpocp.problem_file.settings import BLOCKS
 
 if TYPE_CHECKING:
     from nhpocp.problem import PlanningProblem
 
-_SETTINGS: dict[str, type[JacobianSettings | NlpSettings]] = {
-    "jacobian": JacobianSettings,
-    "nlp": NlpSettings,
-}
 _BLOCKS = {
     "",
     "control",
@@ -108,12 +104,12 @@ def _state(problem: PlanningProblem, values: Any) -> dict[str, Any]:
 def _solvers(problem: PlanningProblem, settings: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
     """Settings under the file's names; what a file has no name for stays behind."""
     given = {name: solver.settings() for name, solver in problem.solvers.items()} | dict(settings)
-    return {name: writable(name, values) for name, values in given.items() if name in _SETTINGS}
+    return {name: writable(name, values) for name, values in given.items() if name in BLOCKS}
 
 
 def writable(name: str, settings: Mapping[str, Any]) -> dict[str, Any]:
     """The settings that a file can state: a step rule of the user's own, say, has no name there."""
-    known = {key: value for key, value in settings.items() if key in _SETTINGS[name].model_fields}
+    known = {key: value for key, value in settings.items() if key in BLOCKS[name].model_fields}
     known = _without_none(known)
     if _buildable(name, known):
         return known

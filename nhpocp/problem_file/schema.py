@@ -37,6 +37,7 @@ from nhpocp.problem_file.numbers import (
 )
 from nhpocp.problem_file.settings import Solvers, absent
 from nhpocp.problem_file.states import State, StateValue, Strict, check_goal, check_state
+from nhpocp.solvers.registry import SOLVERS
 from nhpocp.state_space import StateSpace
 from nhpocp.systems.system import System
 
@@ -145,6 +146,12 @@ class Output(Strict):
     pictures: StrictBool = Field(default=True, description="draw the pictures")
 
 
+_COSTS: dict[str, Any] = {
+    name: (Number | None, Field(default=None, description=OBJECTIVES[name].meaning))
+    for name in costs_of_motion()
+}
+
+
 class ReferenceValues(Strict):
     """What one solver is known to find."""
 
@@ -154,25 +161,22 @@ class ReferenceValues(Strict):
     tolerance: Positive | None = Field(default=None, description="relative, for this solver alone")
 
 
-_COSTS: dict[str, Any] = {
-    name: (Number | None, Field(default=None, description=OBJECTIVES[name].meaning))
-    for name in costs_of_motion()
+_VALUES = create_model("ReferenceValues", __base__=ReferenceValues, __doc__=ReferenceValues.__doc__, **_COSTS)
+_OF_SOLVERS: dict[str, Any] = {
+    name: (_VALUES | None, Field(default=None, description=f"of {settings.meaning}"))
+    for name, settings in SOLVERS.items()
 }
-if TYPE_CHECKING:
-    _Values = ReferenceValues
-else:
-    _Values = create_model(
-        "ReferenceValues", __base__=ReferenceValues, __doc__=ReferenceValues.__doc__, **_COSTS
-    )
 
 
 class Reference(Strict):
     """Known results, read by tests and benchmarks."""
 
-    jacobian: _Values | None = Field(default=None, description="of the Jacobian method")
-    nlp: _Values | None = Field(default=None, description="of the NLP")
     tolerance: Positive | None = Field(default=None, description="relative")
     source: Text | None = Field(default=None, description="where the numbers come from")
+
+
+if not TYPE_CHECKING:
+    Reference = create_model("Reference", __base__=Reference, __doc__=Reference.__doc__, **_OF_SOLVERS)
 
 
 def _at_once(times: Sequence[float]) -> Iterator[Issue]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from math import degrees
-from typing import Any, get_args
+from typing import Any
 
 from pydantic.fields import FieldInfo
 
@@ -18,8 +18,10 @@ from nhpocp.problem_file.control import BLOCKS
 from nhpocp.problem_file.numbers import Choice
 from nhpocp.problem_file.registry import system_class
 from nhpocp.problem_file.schema import Output, ProblemData
-from nhpocp.problem_file.settings import JacobianSettings, NlpSettings, Solvers
+from nhpocp.problem_file.settings import BLOCKS as BLOCKS_OF_SOLVERS
+from nhpocp.problem_file.settings import Solvers
 from nhpocp.problem_file.states import Strict
+from nhpocp.solvers.registry import SOLVERS
 from nhpocp.state_space import UNIT_WORDS, Block, StateSpace
 from nhpocp.systems.system import Parameter, System
 
@@ -108,9 +110,12 @@ def _options(model: type[Strict], names: Sequence[str], indent: str = "") -> Ite
 
 
 def _choices(field: FieldInfo) -> str:
-    choices = [name for part in field.metadata if isinstance(part, Choice) for name in part.names]
-    literals = [name for name in get_args(field.annotation) if isinstance(name, str)]
-    return _other_names(choices or literals, field.description or "")
+    return _other_names(_names(field), field.description or "")
+
+
+def _names(field: FieldInfo) -> list[str]:
+    """The names that a field may have."""
+    return [name for part in field.metadata if isinstance(part, Choice) for name in part.names]
 
 
 def _other_names(names: Sequence[str], meaning: str) -> str:
@@ -183,15 +188,11 @@ def _constraints(system: System, start: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _solvers() -> Iterator[str]:
-    yield _line("  jacobian:", "nhpocp solve")
-    rule = JacobianSettings.model_fields["step_rule"]
-    choices = " | ".join(get_args(rule.annotation))
-    yield _line(
-        "    step_rule: auto", f"{choices}; default {rule.default}, the paper's (17); auto reaches more"
-    )
-    yield from _options(
-        JacobianSettings, [name for name in JacobianSettings.model_fields if name != "step_rule"], "    "
-    )
-    yield _line("  nlp:", "nhpocp solve --solver nlp")
-    yield from _options(NlpSettings, list(NlpSettings.model_fields), "    ")
+    for i, (name, block) in enumerate(BLOCKS_OF_SOLVERS.items()):
+        yield _line(f"  {name}:", f"nhpocp solve --solver {name}" if i else "nhpocp solve")
+        shown = SOLVERS[name].shown
+        for key, (value, words) in shown.items():
+            names = " | ".join(_names(block.model_fields[key]))
+            yield _line(f"    {key}: {value}", f"{names}; {words}")
+        yield from _options(block, [key for key in block.model_fields if key not in shown], "    ")
     yield from _options(Solvers, ["compile"], "  ")

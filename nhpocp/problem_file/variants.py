@@ -10,11 +10,10 @@ from nhpocp.errors import InvalidProblemError
 from nhpocp.problem_file.building import parse_problem
 from nhpocp.problem_file.dumping import dump_problem
 from nhpocp.problem_file.issues import suggestion
+from nhpocp.solvers.registry import SOLVERS
 
 if TYPE_CHECKING:
     from nhpocp.problem import PlanningProblem
-
-SOLVERS = ("jacobian", "nlp")
 
 
 def overrides(label: str) -> tuple[str, list[str]]:
