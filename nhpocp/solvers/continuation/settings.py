@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from inspect import signature
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from nhpocp import declared
@@ -91,7 +92,7 @@ class JacobianSettings(SolverSettings):
         chosen = {"kernels": kernels} if kernels is not None and self.integrator == "rk4" else {}
         rule = STEP_RULES["adaptive" if self.step_rule == "auto" else self.step_rule]
         solver = Continuation(
-            step_rule=rule() if self.step_rule in ("adaptive", "auto") else rule(gamma=self.gamma),
+            step_rule=rule(**{"gamma": self.gamma} if "gamma" in signature(rule).parameters else {}),
             inverse=INVERSES[self.inverse](),
             metric=METRICS[self.metric](),
             integrator=INTEGRATORS[self.integrator](steps=self.steps, **chosen),
