@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import io
 import json
 import math
@@ -16,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from nhpocp import planning
+from nhpocp.csv_table import write_table
 from nhpocp.errors import InvalidProblemError, NhpocpError
 from nhpocp.flow.simulation import simulate
 from nhpocp.interruption import Interruption
@@ -165,9 +165,8 @@ class Comparison:
         """The rows as CSV: empty where there is no value, true and false in JSON's spelling."""
         stream = io.StringIO()
         rows = self.rows()
-        writer = csv.DictWriter(stream, list(rows[0]) if rows else [], lineterminator="\n")
-        writer.writeheader()
-        writer.writerows({key: _cell(value) for key, value in row.items()} for row in rows)
+        names = list(rows[0]) if rows else []
+        write_table(stream, names, (row.values() for row in rows), ("false", "true"))
         return stream.getvalue()
 
 
@@ -334,17 +333,6 @@ def _finite(value: Any) -> Any:
     if isinstance(value, float | np.floating):
         return float(value) if math.isfinite(value) else None
     return value
-
-
-FORMULA = ("=", "+", "-", "@")  # what a spreadsheet executes; with an apostrophe before it is text
-
-
-def _cell(value: Any) -> Any:
-    if value is None or isinstance(value, bool):
-        return {None: "", True: "true", False: "false"}[value]
-    if isinstance(value, str) and value.lstrip().startswith(FORMULA):
-        return f"'{value}"
-    return repr(value) if isinstance(value, float) else value
 
 
 def _task(problem: PlanningProblem) -> str:

@@ -19,6 +19,7 @@ from nhpocp.solution import Solution
 from nhpocp.solution_folder import audit, check_target, folder_name, is_solution_folder
 from nhpocp.solution_folder.auditing import Audit
 from nhpocp.solution_folder.pictures import attempted
+from nhpocp.solution_folder.reading import json_content
 from nhpocp.solution_folder.target import COMPARISON, require_own
 from nhpocp.whole import bench, write_file
 
@@ -175,8 +176,10 @@ def solution_folders(place: Path) -> list[Path]:
     if not found:
         raise UnreadableSolutionError(f"{place}: no solution folder, and none under it")
     order: dict[tuple[str, ...], int] = {}
-    with suppress(OSError, ValueError, KeyError, TypeError):
-        listed = json.loads((place / "comparison.json").read_text(encoding="utf-8"))["runs"]
+    table = place / "comparison.json"
+    text = json_content(table) if table.is_file() else b""
+    with suppress(ValueError, KeyError, TypeError, RecursionError):
+        listed = json.loads(text)["runs"]
         order = {Path(run["folder"]).parts[-2:]: k for k, run in enumerate(listed) if run["folder"]}
     return sorted(found, key=lambda folder: order.get(folder.parts[-2:], len(order)))
 
@@ -190,7 +193,7 @@ def _placed(found: Audit, folder: Path) -> Solution:
         solution = replace(solution, verdict=None)
     note = solution.details.get("comparison")
     if note is None:
-        stored = json.loads((folder / "solution.json").read_text(encoding="utf-8"))
+        stored = json.loads(json_content(folder / "solution.json"))
         environment = {
             key: value for key, value in stored.get("environment", {}).items() if value is not None
         }

@@ -29,16 +29,19 @@ class Kept(dict[Any, Any]):
         return Kept, ()
 
 
-def kept(most: int) -> Callable[[Callable[..., R]], Keeping[R]]:
+def kept(
+    most: int, size: Callable[[Any], int] = lambda result: 1
+) -> Callable[[Callable[..., R]], Keeping[R]]:
     """`functools.lru_cache` for a function of an owner and what tells its results apart, without holding the owner.
 
-    ``most``: results that are kept, of all owners together; those of owners that have gone count until their turn.
+    ``most``: results that are kept, of all owners together, or the sum of what their ``size`` says, but always the
+    last; those of owners that have gone count until their turn.
     Owners need no hash: each keeps its own, and an owner that equals another has results of its own.
     """
 
     def decorate(make: Callable[..., R]) -> Keeping[R]:
         slot = f"{make.__module__}.{make.__qualname__}, kept"
-        made: deque[tuple[ref[Any], tuple[Any, ...]]] = deque()
+        made: deque[tuple[ref[Any], tuple[Any, ...], int]] = deque()
 
         @wraps(make)
         def found(owner: Any, *rest: Any) -> R:
@@ -48,14 +51,14 @@ def kept(most: int) -> Callable[[Callable[..., R]], Keeping[R]]:
                 pass
             result = make(owner, *rest)
             owner.__dict__.setdefault(slot, Kept())[rest] = result
-            made.append((ref(owner), rest))
-            if len(made) > most:
+            made.append((ref(owner), rest, size(result)))
+            while len(made) > 1 and sum(each for _, _, each in list(made)) > most:
                 let_go_of_first()
             return result
 
         def let_go_of_first() -> None:
             with suppress(IndexError):  # another thread was quicker
-                owner, rest = made.popleft()
+                owner, rest, _ = made.popleft()
                 getattr(owner(), "__dict__", {}).get(slot, {}).pop(rest, None)
 
         def cache_clear() -> None:

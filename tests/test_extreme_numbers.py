@@ -11,10 +11,16 @@ from conftest import Integrators, paper_problem
 
 import nhpocp
 from nhpocp.analysis import analyze, slices
+from nhpocp.analysis.analysis import PathAnalysis
+from nhpocp.analysis.growth import Growth
+from nhpocp.cli.analyzing import _path_lines
 from nhpocp.controls.fourier import Fourier
+from nhpocp.errors import InvalidProblemError
 from nhpocp.problem import Horizon, PlanningProblem
-from nhpocp.solution import Outcome
+from nhpocp.problem_file import load_problem
+from nhpocp.solution import Crossing, Outcome
 from nhpocp.solution_folder import plain
+from nhpocp.verification.crossings import MOST, sign_changes, touches
 
 PROBLEMS = Path(__file__).parents[1] / "problems"
 HUGE = [1e155, 1e200, -1e200, 1e308]
@@ -83,3 +89,63 @@ def test_nothing_stands_beside_the_json_document(tmp_path):
     assert done.returncode == 1
     assert json.loads(done.stdout)["outcome"] == "not_finite"
     assert done.stderr == ""
+
+
+@pytest.mark.parametrize("key", ["error_length", "length_scale"])
+@pytest.mark.parametrize("value", ["1e200", "1e-200"])
+def test_a_length_out_of_range_is_named_where_it_stands(key, value, tmp_path):
+    file = tmp_path / "problem.yaml"
+    text = (PROBLEMS / "unicycle.yaml").read_text()
+    file.write_text(f"{text}\n{key}: {value}\n")
+    with pytest.raises(InvalidProblemError, match=r"expected a number from 1e-50 to 1e\+50") as found:
+        load_problem(file)
+    line = file.read_text().splitlines().index(f"{key}: {value}") + 1
+    assert (found.value.file, found.value.line, found.value.path) == (str(file), line, key)
+    with pytest.raises(InvalidProblemError, match=f"^{key}: .* is out of range"):
+        load_problem(PROBLEMS / "unicycle.yaml", [f"{key}={value}"])
+
+
+def test_zeros_that_are_rounding_are_not_gone_into():
+    """A platform of 1e20 had a thousand of them, each of which took Brent's method thirty evaluations."""
+    times, asked = np.linspace(0.0, 1.0, 1001), []
+
+    def noise(t: float) -> float:
+        asked.append(t)
+        return float(np.sin(1e7 * t))
+
+    values = np.random.default_rng(0).normal(size=len(times))
+    found = sign_changes(noise, times, values)
+    assert not asked
+    assert len(found) == np.count_nonzero(values[1:] * values[:-1] < 0) > MOST
+    places = np.searchsorted(times, found)
+    assert (values[places] * values[places - 1] < 0).all()
+    assert np.diff(found).min() > 0
+    touches(noise, times, np.abs(values) * 1e-6)
+    sign_changes(lambda t: 1.0 + noise(t) ** 2, times, np.abs(values) + np.tile([1.0, 1e-9], 501)[:1001])
+    assert len(asked) <= 2 * MOST * 60
+
+
+def test_valleys_that_are_rounding_are_not_all_gone_into(monkeypatch):
+    """A map of 161 × 161 that is noise has some 10 000 of them."""
+    asked = []
+
+    def margins(self, points):
+        asked.append(len(points))
+        noise = np.abs(np.random.default_rng(len(asked)).normal(size=len(points)))
+        return {"sigma_s": noise, "det_s": noise}
+
+    monkeypatch.setattr(slices._Plane, "margins", margins)
+    problem = paper_problem()
+    spans = [slices.Span(c) for c in slices.chosen(problem.system.state_space, ["x", "z"])]
+    points = np.tile(problem.start_point, (2, 1))
+    slices.singularity_map(problem.system, spans, points[0], "start", points, 15.0)
+    assert max(asked) <= slices.MOST
+
+
+def test_what_is_met_too_often_is_counted():
+    """Thousands of changes of sign filled the terminal."""
+    zeros = [Crossing("det_w", 1e-3 * k, {}, True) for k in range(900)]
+    states, growth = np.zeros((2, 9)), Growth(6, ())
+    times = np.array([0.0, 1.0])
+    path = PathAnalysis(times, states, (growth, growth), growth, np.ones(2), {}, zeros, states)
+    assert "det W at t = 0.007 and 892 more" in _path_lines(path)[-1]

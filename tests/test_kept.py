@@ -10,7 +10,7 @@ from weakref import ref
 import casadi as ca
 import numpy as np
 import pytest
-from conftest import Integrators
+from conftest import Integrators, paper_problem
 
 import nhpocp
 from nhpocp.calls import accumulated, call, mapped, side_by_side
@@ -66,6 +66,29 @@ def test_no_more_are_kept_than_is_said_and_the_first_goes_first():
     assert all(not value for owner in owners for value in vars(owner).values() if isinstance(value, Kept))
 
 
+def test_large_results_leave_less_room_and_the_last_always_stays():
+    look, owners = kept(most=10, size=lambda result: result.rest[0])(Result), [Owner() for _ in range(4)]
+    gone = [ref(look(owner, size)) for owner, size in zip(owners, (3, 4, 5, 30), strict=True)]
+    assert [each() is not None for each in gone] == [False, False, False, True]
+    gone = [ref(look(owners[k], size)) for k, size in enumerate((4, 5, 1))]
+    assert all(each() is not None for each in gone)
+    assert look(owners[3], 6).rest == (6,)
+    assert [each() is not None for each in gone] == [False, False, True]
+
+
+def test_intervals_of_many_robots_take_the_room_of_one():
+    """By number, two systems' intervals were kept, of up to 16 steps: 330 MB of expressions."""
+    robots = [nhpocp.ThreeUPU(base_radius=30 + k) for k in range(3)]
+    gone = [
+        ref(interval.interval_of(paper_problem(system=robot), None, steps, ()))
+        for robot in robots
+        for steps in (8, 16)
+    ]
+    there = [each() for each in gone if each() is not None]
+    assert there == [each() for each in gone[-2:]]  # what one robot needs, the last one's, is all there
+    assert sum(interval.BESIDES + each.shot.length for each in there) <= interval.MOST
+
+
 def test_what_is_kept_can_be_let_go_and_is_not_pickled():
     system = Integrators()
     before = ref(numeric_system(system))
@@ -115,7 +138,7 @@ def test_a_system_takes_along_all_that_was_made_for_it(model):
         nhpocp.solve(problem.with_(samples=5), solver)
     steps = scheme(dynamics(system))
     gone = [ref(system), ref(numeric_system(system)), ref(numeric_system(system).rate_function), ref(steps)]
-    gone += [ref(made) for made in interval._made(system).values()]
+    gone += [ref(made) for made in vars(system)[f"{interval.__name__}._made, kept"].values()]
     assert len(gone) > 4
     del problem, system, steps
     gc.collect()

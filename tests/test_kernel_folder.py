@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import os
+import shutil
+import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -280,3 +283,45 @@ def test_where_nothing_may_be_run_nothing_is_built(cache, loaded, caplog, monkey
     place_of(loaded).get(lambda _: True)
     assert "noexec" in caplog.text
     assert list(cache.iterdir()) == []
+
+
+AS_NOBODY = [
+    *("setpriv", "--reuid=12345", "--regid=12345", "--clear-groups"),
+    *("--inh-caps=+dac_read_search", "--ambient-caps=+dac_read_search"),  # this Python may be in root's home
+]
+
+
+def becomes_nobody() -> bool:
+    if os.name != "posix" or os.geteuid() != 0 or shutil.which("setpriv") is None:
+        return False
+    return (
+        subprocess.run(
+            [*AS_NOBODY, sys.executable, "-c", ""], check=False, stderr=subprocess.DEVNULL
+        ).returncode
+        == 0
+    )
+
+
+@pytest.mark.skipif(not becomes_nobody(), reason="only root can become another user, with setpriv")
+@pytest.mark.parametrize(
+    ("home", "trouble"),
+    [({}, "the user has no home"), ({"HOME": "/nonexistent"}, "takes no kernels (Permission denied)")],
+)
+def test_a_user_without_a_name_or_home_does_without_the_cache(home, trouble, tmp_path):
+    """As in a container that is run under any number."""
+    tmp_path.chmod(0o777)
+    environment = {"PATH": os.environ["PATH"], "PYTHONPATH": os.pathsep.join(sys.path), **home}
+    problem = str(Path(__file__).parents[1] / "problems" / "unicycle.yaml")
+    quick = ["--set", "output.pictures=false", "--set", "solvers.compile=always"]
+    for verb, words in (
+        (["check", problem], ""),
+        (["doctor"], ""),
+        (["solve", problem, *quick, "-o", "out"], trouble),
+    ):
+        command = [*AS_NOBODY, sys.executable, "-m", "nhpocp", *verb]
+        done = subprocess.run(
+            command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
+        )
+        assert done.returncode == 0, done.stderr
+        assert words in done.stderr
+        assert len(done.stderr.splitlines()) == bool(words)

@@ -12,6 +12,7 @@ from nhpocp.flow.integrators import RungeKutta4
 from nhpocp.solution import Outcome
 from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.step_rules import Adaptive
+from nhpocp.solvers.least_cost import curvature
 from nhpocp.solvers.least_cost.augmented_lagrangian import rounds
 from nhpocp.solvers.least_cost.null_space import NoSurfaceError, Penalty, minimise
 from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting
@@ -44,6 +45,49 @@ def test_rosenbrock_on_a_circle():
     assert (
         found.optimality < 1e-5
     )  # what is left to gain is below rounding: its square over a curvature of hundreds
+
+
+def test_what_a_search_costs_is_linear_in_the_coefficients():
+    """Six numbers, or each spread evenly over 10 000: the same steps. A matrix of the larger size would take 29 GB."""
+    weights, start = np.array([1.0, 4.0, 9.0, 1.0, 4.0, 9.0]), np.array([0.3, 0.6, 1.0, 0.4, 0.5, 0.5])
+
+    def search(part):
+        def few(y):
+            return y.reshape(6, part).sum(axis=1) / np.sqrt(part)
+
+        def many(z):
+            return np.repeat(z, part, axis=-1) / np.sqrt(part)
+
+        def surface(y):
+            z = few(y)
+            slopes = np.array([2 * z + np.array([z[1], z[0], 0, 0, 0, 0]), np.eye(6)[5]])
+            return np.array([z @ z + z[0] * z[1] - 2.0, z[5] - 0.5]), many(slopes)
+
+        def cost(y):
+            z = few(y)
+            return float(weights @ z**2 + z[2] ** 4), many(2 * weights * z + 4 * z**3 * np.eye(6)[2])
+
+        return minimise(surface, cost, many(start))
+
+    dense, spread = search(1), search(10_000)
+    assert dense.converged
+    assert spread.converged
+    assert spread.cost == pytest.approx(dense.cost, rel=1e-9)
+    assert len(spread.history) == len(dense.history)
+
+
+def test_a_model_that_knows_enough_forgets_what_differs_least():
+    most = curvature.MOST
+    true = np.exp(np.random.default_rng(0).uniform(-1.5, 3, 3 * most))  # of a diagonal matrix, 1 at first
+    model = curvature.Curvature.first(1.0, len(true), full=False)
+    for k in range(2 * most):
+        step = np.eye(len(true))[k]
+        model = model.updated(step, true * step)
+    assert model.seen.shape == (len(true), most)
+    kept = np.argsort(np.abs(np.log(true[: 2 * most])))[-most:]
+    expected = np.ones(len(true))
+    expected[kept] = true[kept]
+    np.testing.assert_allclose(model @ np.eye(len(true)), np.diag(expected), atol=1e-9)
 
 
 def test_unusable_points_are_stepped_back_from():

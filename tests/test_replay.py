@@ -29,7 +29,8 @@ from nhpocp.systems.system import System
 from nhpocp.systems.three_upu import ThreeUPU
 from nhpocp.systems.unicycle import Unicycle
 from nhpocp.verification.crossings import TOUCH, sign_changes, touches
-from nhpocp.verification.replay import inputs_on_piece, integrate, replay, sample
+from nhpocp.verification.pieces import in_pieces
+from nhpocp.verification.replay import integrate, replay, sample
 
 
 class Jump(Fourier):
@@ -81,9 +82,10 @@ BASES = [
 def test_inputs_on_a_piece_are_the_controls(basis, horizon):
     coefficients = np.random.default_rng(0).normal(size=(2, basis.size))
     control = Control(basis, coefficients, horizon)
-    knots = np.unique([0.0, *control.breakpoints, horizon])
-    for first, last in pairwise(knots):
-        inputs = inputs_on_piece(control, first, last)
+    pieces = next(in_pieces(control))
+    assert pieces.ends.tolist() == np.unique([0.0, *control.breakpoints, horizon]).tolist()
+    for k, (first, last) in enumerate(pairwise(pieces.ends)):
+        inputs = pieces.inputs(k)
         for time in np.linspace(first, last, 12)[:-1]:
             np.testing.assert_allclose(inputs(time), control(np.array([time]))[0], atol=1e-14)
         np.testing.assert_allclose(inputs(last), control(np.array([last]), "left")[0], atol=1e-14)
@@ -96,14 +98,40 @@ def test_a_polynomial_piece_is_tabulated_once(kind):
     basis = kind(intervals=20)
 
     class Counting(type(basis)):
-        def table(self, times, horizon, side="right"):
+        def local_table(self, times, horizon, side="right"):
             looked.append(len(times))
-            return super().table(times, horizon, side)
+            return super().local_table(times, horizon, side)
 
     problem, counted = paper_problem(), Counting(**basis.parameters())
     control = Control(counted, project(Control(Fourier(2), PAPER_START), basis).coefficients)
     replay(NumericSystem(problem.system), control, problem.start_point)
-    assert len(looked) == 20
+    assert looked == [20 * 11]
+
+
+def _unicycle():
+    return PlanningProblem(system=Unicycle(), start=Unicycle.example["start"], goal=Unicycle.example["goal"])
+
+
+@pytest.mark.parametrize(("problem", "jolt"), [(_unicycle, 1e4), (paper_problem, 1e3)])
+def test_many_short_pieces_lead_where_dop853_does_one_by_one(problem, jolt, monkeypatch):
+    """In between too; no table is as wide as the control is long."""
+    basis = PiecewiseConstant(1100)
+
+    def forbidden(*arguments):
+        raise AssertionError("a full table of a control of many pieces")
+
+    monkeypatch.setattr(PiecewiseConstant, "table", forbidden)
+    times, found = (np.arange(1100) + 0.5) / 1100, problem()
+    values = [0.3 * np.sin(5 * times + k) for k in range(found.system.input_space.size)]
+    values[-1][700] *= jolt  # a piece that takes more than a step
+    control, numeric = Control(basis, values), NumericSystem(found.system)
+    together = replay(numeric, control, found.start_point)
+    monkeypatch.setattr(module, "MANY", 2000)
+    one_by_one = replay(numeric, control, found.start_point)
+    assert len(one_by_one.times) == len(together.times) > 1101
+    assert together.reached == one_by_one.reached == control.horizon
+    inside = np.linspace(0.0, 1.0, 777)
+    np.testing.assert_allclose(together(inside), one_by_one(inside), rtol=1e-11, atol=1e-11)
 
 
 def _rate(time, state, inputs):

@@ -18,6 +18,7 @@ import pytest
 from conftest import PAPER_START, paper_problem
 
 from nhpocp import planning
+from nhpocp.comparison_folder import load_comparison, solution_folders
 from nhpocp.constraints.bound import Bound
 from nhpocp.errors import InvalidProblemError, UnreadableSolutionError
 from nhpocp.problem_file import load_problem
@@ -27,6 +28,7 @@ from nhpocp.solution_folder import (
     check_target,
     load_solution,
     plain,
+    reading,
     save_solution,
     store_solution,
     to_json,
@@ -169,6 +171,32 @@ def test_a_trace_is_written_with_the_rest_or_not_at_all(solution, tmp_path, monk
     with pytest.raises(InvalidProblemError, match="No space left"):
         save_solution(solution, tmp_path / "out", trace=True)
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", ["solution.json", "comparison.json"])
+def test_json_that_would_fill_the_memory_is_refused_before_it_is_parsed(
+    name, solution, tmp_path, monkeypatch
+):
+    """As `[],[],…`: 3 bytes each in the file, 64 as a list."""
+    folder = save_solution(solution, tmp_path / "out" / "paper" / "nlp")
+    file = (tmp_path / "out" if name == "comparison.json" else folder) / name
+    monkeypatch.setattr(reading, "LARGEST_TREE", 8_000_000)
+    file.write_text('{"schema_version": 1, "runs": [' + "[]," * 100_000 + "[]]}")
+    with pytest.raises(UnreadableSolutionError, match="more lists, texts and numbers") as found:
+        load_comparison([tmp_path / "out"])
+    assert found.value.file == str(file)
+    monkeypatch.setattr(reading, "LARGEST_FILE", 100_000)
+    with pytest.raises(UnreadableSolutionError, match="larger than"):
+        load_comparison([tmp_path / "out"])
+
+
+def test_a_comparison_that_is_too_deep_or_damaged_gives_no_order(tmp_path):
+    for name in "ba":
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "solution.json").write_text('{"schema_version": 1}')
+    for text in ('{"runs": ' + "[" * 200_000, '{"runs": 3}', "{", "\xff"):
+        (tmp_path / "comparison.json").write_text(text, encoding="latin-1")
+        assert solution_folders(tmp_path) == [tmp_path / "a", tmp_path / "b"]
 
 
 # --- which problem is stored -----------------------------------------------------------------------------------------

@@ -43,6 +43,22 @@ def test_verbs_that_only_say_something_say_it_to_nobody(verb, tmp_path):
     assert (done.returncode, done.stdout, done.stderr) == (0, b"", b"")
 
 
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a file that is always full")
+@pytest.mark.parametrize(
+    ("verb", "ended", "says"),
+    [
+        (["check", PROBLEM, "--set", "start.theta=90"], 0, b": ok"),
+        (["check", "gone.yaml", "--json"], 2, b"no such file"),
+        (["checks", "--json"], 2, b"No such command"),
+    ],
+)
+def test_messages_that_nobody_takes_are_done_without(verb, ended, says, tmp_path):
+    assert shell("", *verb, cwd=tmp_path).stderr
+    done = shell("2>/dev/full", *verb, cwd=tmp_path)
+    assert done.returncode == ended
+    assert says in done.stdout
+
+
 @pytest.mark.parametrize("encoding", ["cp1252", "latin-1", "cp437", "ascii"])
 def test_what_an_encoding_lacks_is_an_escape(encoding, tmp_path):
     done = shell("", "systems", cwd=tmp_path, PYTHONIOENCODING=encoding)

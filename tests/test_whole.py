@@ -1,22 +1,15 @@
 """Whatever ends the program, and wherever: the old result or the new one is there, whole."""
 
-import builtins
 import errno
-import io
 import json
 import os
-import shutil
-import signal
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from matplotlib.figure import Figure
 
-from nhpocp import comparison, comparison_folder, planning, whole
-from nhpocp.cli import verbs
+from nhpocp import comparison, planning, whole
 from nhpocp.cli.entry import status
-from nhpocp.comparison import Comparison
 from nhpocp.errors import InvalidProblemError
 from nhpocp.problem_file import load_problem
 from nhpocp.solution_folder import check_target, load_solution, save_solution, target
@@ -44,176 +37,6 @@ def tree(folder):
         str(path.relative_to(folder)): path.read_bytes() if path.is_file() else None
         for path in sorted(folder.rglob("*"))
     }
-
-
-def shown(folder):
-    """What a reader of a folder can see: benches are hidden."""
-    return {name: content for name, content in tree(folder).items() if not name.startswith(BENCH)}
-
-
-# --- kills at every operation on files -------------------------------------------------------------------------------
-
-
-class Killer:
-    """Ends its process as SIGKILL does, right before the k-th change to the file system."""
-
-    def __init__(self, k):
-        self.left = k
-
-    def strike(self):
-        if self.left == 0:
-            os.kill(os.getpid(), signal.SIGKILL)
-        self.left -= 1
-
-    def before(self, function, counts=lambda *_, **__: True):
-        def wrapped(*arguments, **options):
-            if counts(*arguments, **options):
-                self.strike()
-            return function(*arguments, **options)
-
-        return wrapped
-
-    def after(self, function, counts):
-        """Twice: before a file is opened for writing, and while it is empty."""
-
-        def wrapped(*arguments, **options):
-            opened = self.before(function, counts)(*arguments, **options)
-            if counts(*arguments, **options):
-                self.strike()
-            return opened
-
-        return wrapped
-
-    def arm(self):
-        for name in ("rename", "replace", "unlink", "remove", "rmdir", "mkdir", "link"):
-            setattr(os, name, self.before(getattr(os, name)))
-        opening = self.after(io.open, lambda file, mode="r", *_, **__: set(mode) & set("wxa+"))
-        io.open = builtins.open = opening
-        os.open = self.after(os.open, lambda file, flags, *_, **__: flags & (os.O_WRONLY | os.O_RDWR))
-        exchanging = whole._system_renameat2()
-        if exchanging is not None:
-            whole._system_renameat2 = lambda: self.before(exchanging)
-
-
-def killed(act, k):
-    """Whether `act` was killed before it had made k changes."""
-    process = os.fork()
-    if process == 0:
-        ended = 3
-        try:
-            Killer(k).arm()
-            act()
-            ended = 0
-        finally:
-            os._exit(ended)
-    ended = os.waitpid(process, 0)[1]
-    assert ended in (0, signal.SIGKILL)
-    return ended == signal.SIGKILL
-
-
-def kills(home, before, act, check):
-    """Has `act` killed at every change that it makes, each time on a copy of the same folder; how often."""
-    act()  # nothing has to be imported any more
-    for k in range(1000):
-        shutil.rmtree(home)
-        shutil.copytree(before, home)
-        dead = killed(act, k)
-        check(dead)
-        if not dead:
-            return k
-    raise AssertionError("it never ended")
-
-
-@pytest.fixture(params=["exchange", "renames"])
-def system(request, monkeypatch):
-    """Systems that can exchange two folders at once, and those that cannot."""
-    if request.param == "renames" or whole._system_renameat2() is None:
-        monkeypatch.setattr(whole, "_system_renameat2", lambda: None)
-        return "renames"
-    return request.param
-
-
-@posix
-def test_solve_may_be_killed_anywhere(system, old, new, tmp_path, monkeypatch):
-    monkeypatch.setattr(planning, "solve", lambda *_: new)
-    monkeypatch.setattr(verbs, "load", lambda *_: new.problem)
-    out = tmp_path / "home" / "out"
-    save_solution(old, tmp_path / "old" / "out")
-    results = {"old": shown(tmp_path / "old" / "out"), "new": shown(save_solution(new, out))}
-
-    def check(dead):
-        if out.exists():
-            assert shown(out) in results.values()
-        else:
-            assert system == "renames"
-            load_solution(out)  # which brings it back
-        check_target(out)
-        assert shown(out) in ([results["old"], results["new"]] if dead else [results["new"]])
-        assert [path.name for path in out.parent.iterdir()] == ["out"]
-
-    arguments = ["solve", str(UNICYCLE), "-o", str(out)]
-    assert kills(out.parent, tmp_path / "old", lambda: status(arguments), check) > 30
-
-
-@posix
-def test_compare_may_be_killed_anywhere(old, new, tmp_path, monkeypatch):
-    def run(runs, finished, **_):
-        return Comparison.of([new for _ in runs], [finished(new, run) for run in runs])
-
-    def report(compared, file, _):
-        write_text(file, f'<meta content="nhpocp compare"> {compared.entries[0].solution.message}')
-
-    monkeypatch.setattr(comparison, "compare", run)
-    monkeypatch.setattr(comparison_folder, "VARIANTS", ("jacobian",))
-    monkeypatch.setattr(verbs, "load", lambda *_: new.problem)
-    monkeypatch.setattr(verbs, "_report", report)
-    monkeypatch.setattr(verbs, "_animation", lambda *_: None)
-    home, before = tmp_path / "home", tmp_path / "old"
-    save_solution(old, before / "u" / "jacobian")
-    for name, text in {
-        "report.html": 'content="nhpocp compare" old',
-        "comparison.csv": "name,solver,variant,old",
-        "comparison.json": '{"schema_version": "old"}',
-    }.items():
-        (before / name).write_text(text)
-    arguments = ["compare", str(UNICYCLE), "-o", str(home)]
-    assert status(arguments) == 0
-    results = shown(before), shown(home)
-    assert results[0].keys() == results[1].keys()
-
-    def check(dead):
-        check_target(home / "u" / "jacobian")
-        sweep(home)
-        found = tree(home)
-        assert found.keys() == results[0].keys()
-        for name, content in found.items():
-            choices = [result[name] for result in results]
-            assert content in (choices if dead else choices[1:]), name
-
-    assert kills(home, before, lambda: status(arguments), check) > 60
-
-
-@posix
-def test_plot_may_be_killed_anywhere(old, tmp_path, monkeypatch):
-    monkeypatch.setattr(
-        figures, "FIGURES", {"controls": lambda _: Figure((1, 1)), "robot": lambda _: Figure((1, 1))}
-    )
-    monkeypatch.setattr(figures, "names_of", lambda _: ["controls", "robot"])
-    names = [f"{name}.{kind}" for name in ("controls", "robot") for kind in ("svg", "png")]
-    new = {file.name: file.read_bytes() for file in figures.write_pictures(old, tmp_path / "new")}
-
-    home, before = tmp_path / "home", save_solution(old, tmp_path / "old")
-    shutil.copytree(before, home)
-    for name in names:
-        (before / name).write_text("old")
-
-    def check(dead):
-        for name in names:
-            assert (home / name).read_bytes() in ([b"old", new[name]] if dead else [new[name]])
-        check_target(home)
-        assert not [name for name in tree(home) if name.startswith(BENCH)]
-
-    assert kills(home, before, lambda: status(["plot", str(home)]), check) > 10
 
 
 # --- what killed runs left -------------------------------------------------------------------------------------------

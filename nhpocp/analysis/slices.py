@@ -23,6 +23,9 @@ AXES = ("x", "y", "z")
 RESOLUTION = 161  # of a map, each way
 VALLEY = 0.1  # of the largest σ_min: how low a valley has to be for its floor to be looked for
 ZERO = 1e-6  # of the same: what counts as zero on the floor of a valley
+MOST = (
+    4 * RESOLUTION
+)  # valleys in one direction that are gone into; more are rounding, of which the lowest tell
 ROUNDING = 1e-10  # of the same: below this a sign means nothing
 ROOM = {"length": 0.5, "angle": pi / 4, "": 0.5}  # left around start, goal and path; lengths of the mechanism
 
@@ -268,6 +271,9 @@ class _Plane:
             lines, places = np.nonzero(valley & apart & same)
             if not len(lines):
                 continue
+            if len(lines) > MOST:
+                lowest = np.argpartition(here[lines, places], MOST)[:MOST]
+                lines, places = lines[lowest], places[lowest]
             fixed = across[lines]
 
             def at(moving: Array, fixed: Array = fixed, axis: int = axis) -> Array:
@@ -275,6 +281,8 @@ class _Plane:
                 return self.sigmas(self.points(np.column_stack(pair)))[name]
 
             where, least = golden_section(at, grid[places], grid[places + 2])
+            sampled = here[lines, places]
+            where, least = np.where(sampled < least, grid[places + 1], where), np.minimum(sampled, least)
             kept = least < ZERO * largest
             pair = (where, fixed) if axis == 1 else (fixed, where)
             found.append(np.column_stack(pair)[kept])

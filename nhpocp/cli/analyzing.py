@@ -215,8 +215,7 @@ def _path_lines(path: PathAnalysis) -> list[str]:
         ).append(f"{path.times[i]:.4g}")
     others = []
     for vector, met in times.items():
-        more = f" and {len(met) - 4} more" if len(met) > 4 else ""
-        others.append(f"{vector} at t = {', '.join(met[:4])}{more}")
+        others.append(f"{vector} at t = {_few(met, 4)}")
     words += f", but {'; '.join(others)}" if others else ""
     if not times:
         words += (
@@ -233,8 +232,13 @@ def _path_lines(path: PathAnalysis) -> list[str]:
         told.append(_row("", "; ".join(least)))
     if path.crossings:
         met = [f"det {c.letter} at t = {c.time:.4g}" for c in path.crossings]
-        told.append(_row("", f"changes of sign: {', '.join(met)}"))
+        told.append(_row("", f"changes of sign: {_few(met, 8)}"))
     return told
+
+
+def _few(words: Sequence[str], most: int) -> str:
+    more = f" and {len(words) - most} more" if len(words) > most else ""
+    return f"{', '.join(words[:most])}{more}"
 
 
 def _map_words(found: SingularityMap) -> str:

@@ -6,6 +6,7 @@ Exit status: 0 solved and verified, 1 not (everything is still written), 2 bad i
 from __future__ import annotations
 
 import gc
+import io
 import logging
 import os
 import signal
@@ -13,7 +14,7 @@ import sys
 import threading
 import warnings
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from types import FrameType
 from typing import Any
 
@@ -22,7 +23,7 @@ import click
 from nhpocp.cli.analyzing import analyze
 from nhpocp.cli.animating import animate
 from nhpocp.cli.starting import init, schema
-from nhpocp.cli.terminal import error_data, open_streams, put, say
+from nhpocp.cli.terminal import abandon, error_data, open_streams, put, say
 from nhpocp.cli.verbs import BAD_INPUT, MISSING_PART, NOT_SOLVED, SOLVED, cli
 from nhpocp.errors import MissingDependencyError, NhpocpError
 
@@ -57,7 +58,8 @@ def status(arguments: Sequence[str]) -> int:
             found = cli.main(args=list(arguments), prog_name="nhpocp", standalone_mode=False)
         sys.stdout.flush()
     except click.ClickException as error:
-        error.show()
+        error.show(words := io.StringIO())
+        say(words.getvalue().rstrip("\n"))
         return _answer(as_json, error_data(error, message=error.format_message()), BAD_INPUT)
     except (click.Abort, KeyboardInterrupt) as error:
         say(BY_HAND)
@@ -75,7 +77,7 @@ def status(arguments: Sequence[str]) -> int:
         missing = isinstance(error, MissingDependencyError)
         return _answer(as_json, error_data(error), MISSING_PART if missing else BAD_INPUT)
     except BrokenPipeError:
-        _abandon_output()
+        abandon(sys.stdout)
         return NOT_SOLVED
     except OSError as error:
         if debug:
@@ -119,11 +121,5 @@ def _answer(as_json: bool, data: Any, status: int) -> int:
             put(data)
         sys.stdout.flush()
     except OSError:
-        _abandon_output()
+        abandon(sys.stdout)
     return status
-
-
-def _abandon_output() -> None:
-    """Nobody reads on, or the disk is full: Python shall not try once more at its end."""
-    with suppress(OSError, ValueError):
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

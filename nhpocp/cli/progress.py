@@ -9,6 +9,7 @@ from math import inf, isfinite, log10
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
+from nhpocp.cli.terminal import console, visible
 from nhpocp.deferred import at_hand
 
 if TYPE_CHECKING:
@@ -35,13 +36,12 @@ def progress(quiet: bool, title: str = "") -> Iterator[Progress | None]:
     if quiet or not sys.stderr.isatty():
         yield None
         return
-    from rich.console import Console
     from rich.live import Live
 
     panel = Panel(title)
     with Live(
         panel,
-        console=Console(stderr=True),
+        console=console(error=True),
         refresh_per_second=4,
         transient=True,
         redirect_stdout=sys.stdout.isatty(),  # what goes to a file is none of the terminal's business
@@ -60,9 +60,7 @@ def counter(quiet: bool, word: str) -> Iterator[Callable[[int, int], None] | Non
     if quiet or not sys.stderr.isatty():
         yield None
         return
-    from rich.console import Console
-
-    with Console(stderr=True).status(word) as status:
+    with console(error=True).status(word) as status:
         yield lambda done, count: status.update(f"{word} {done} of {count}")
 
 
@@ -181,7 +179,7 @@ def _figures(record: Mapping[str, Any]) -> list[str]:
 def _fitting(parts: Sequence[str], width: int, gap: str = "  ") -> str:
     """The parts in a line, as many as it holds."""
     line = ""
-    for part in filter(None, parts):
+    for part in map(visible, filter(None, parts)):
         longer = f"{line}{gap}{part}" if line else part
         if len(longer) > width:
             return line or f"{part[: width - 1]}…"

@@ -87,9 +87,11 @@ def _text() -> str:
 
 def _is_schema(path: Path) -> bool:
     """Whether a file is a schema that this program wrote, of whatever version."""
+    from nhpocp.problem_file.document import read_file
+
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        found = json.loads(read_file(path))
+    except (ValueError, RecursionError):
         return False
     return isinstance(found, dict) and found.get("$id") == SCHEMA
 

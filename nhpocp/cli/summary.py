@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from nhpocp.cli.terminal import say, tell, verdict_lines, visible
+from nhpocp.cli.terminal import console, say, tell, verdict_lines
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -96,11 +96,9 @@ def _times(solution: Solution) -> list[str]:
 
 
 def _console() -> Console:
-    from rich.console import Console
-
-    console = Console(highlight=False, markup=False, emoji=False)
-    console.width = min(console.width, WIDEST)
-    return console
+    found = console()
+    found.width = min(found.width, WIDEST)
+    return found
 
 
 def _outcome(outcome: str) -> Any:
@@ -113,10 +111,10 @@ def _report_table(solution: Solution, folder: Path, task: str) -> None:
     from rich.table import Table
     from rich.text import Text
 
-    console, verdict = _console(), solution.verdict
+    drawn, verdict = _console(), solution.verdict
     head = Text(f"{solution.problem.name} by {solution.solver}: ", "bold")
-    console.print(head + _outcome(solution.outcome.value))
-    console.print(visible(solution.message))
+    drawn.print(head + _outcome(solution.outcome.value))
+    drawn.print(solution.message)
     table = Table.grid(padding=(0, 2))
     table.add_column(style="dim", no_wrap=True)
     table.add_column(overflow="fold")
@@ -141,8 +139,8 @@ def _report_table(solution: Solution, folder: Path, task: str) -> None:
     for sentence in solution.warnings:
         table.add_row("warning", sentence)
     table.add_row("written", _written(folder))
-    console.print(table)
-    _next(console, next_commands(solution, folder, task))
+    drawn.print(table)
+    _next(drawn, next_commands(solution, folder, task))
 
 
 def _written(folder: Path) -> str:
@@ -154,12 +152,12 @@ def _written(folder: Path) -> str:
     return "\n".join([str(folder), ", ".join(f"{stem}.{'|'.join(kind)}" for stem, kind in kinds.items())])
 
 
-def _next(console: Console, commands: Sequence[str]) -> None:
+def _next(drawn: Console, commands: Sequence[str]) -> None:
     """What to type next, whole lines that can be copied."""
     if commands:
-        console.print("next", style="dim")
+        drawn.print("next", style="dim")
     for command in commands:
-        console.print(visible(f"  {command}"), soft_wrap=True)
+        drawn.print(f"  {command}", soft_wrap=True)
 
 
 def _comparison_table(
@@ -168,8 +166,8 @@ def _comparison_table(
     from rich.box import SIMPLE_HEAD
     from rich.table import Table
 
-    console, rows = _console(), comparison.rows()
-    wide = console.width >= ROOM_FOR_ALL
+    drawn, rows = _console(), comparison.rows()
+    wide = drawn.width >= ROOM_FOR_ALL
     table = Table(box=SIMPLE_HEAD, pad_edge=False)
     table.add_column("run", overflow="fold")
     table.add_column("outcome", no_wrap=True)
@@ -180,20 +178,18 @@ def _comparison_table(
         gap = f"{_gap(row)} %" if row["converged"] else "-"
         more = [gap, f"{_figure(row['solve_s'], '.2f')} s"] if wide else []
         numbers = [_figure(row["verified_error"], ".1e"), _figure(row["objective_value"], ".5g"), *more]
-        run = visible(f"{row['name']} by {row['variant']}")
+        run = f"{row['name']} by {row['variant']}"
         table.add_row(run, _outcome(row["outcome"]), *numbers)
-    console.print(table)
+    drawn.print(table)
     for entry in comparison.entries:
         if not entry.solution.converged and not tasks:  # else it was said as the run ended
-            console.print(
-                visible(f"{entry.solution.problem.name} by {entry.variant}: {entry.solution.message}")
-            )
+            drawn.print(f"{entry.solution.problem.name} by {entry.variant}: {entry.solution.message}")
     for note in comparison.notes:
         say(note)
-    console.print("written", style="dim")
+    drawn.print("written", style="dim")
     for path in [*files, *filter(None, (entry.folder for entry in comparison.entries))]:
-        console.print(visible(f"  {path}"), soft_wrap=True)
-    _next(console, _after(comparison, tasks, bool(animations)))
+        drawn.print(f"  {path}", soft_wrap=True)
+    _next(drawn, _after(comparison, tasks, bool(animations)))
 
 
 def _after(comparison: Comparison, tasks: Mapping[str, str], animated: bool) -> list[str]:

@@ -8,14 +8,18 @@ import json
 import os
 import re
 import sys
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 import click
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from nhpocp.solution import Verdict
 
-_CONTROLS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f]")  # all but tab and newline
+# all but tab and newline; then what turns the direction of writing round, and other ends of lines
+_CONTROLS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069]")
 
 
 def open_streams() -> None:
@@ -36,8 +40,17 @@ def open_streams() -> None:
 
 
 def say(text: str) -> None:
-    """A message for people, on standard error."""
-    click.echo(visible(text), err=True)
+    """A message for people, on standard error; where that takes none, what was asked for is done without."""
+    try:
+        click.echo(visible(text), err=True)
+    except OSError:
+        abandon(sys.stderr)
+
+
+def abandon(stream: Any) -> None:
+    """Nobody reads on, or the disk is full: Python shall not try once more at its end."""
+    with suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 def tell(text: str) -> None:
@@ -47,7 +60,23 @@ def tell(text: str) -> None:
 
 def visible(text: str) -> str:
     """A text with its control sequences spelt out: read from a file they would be the file's to command with."""
-    return _CONTROLS.sub(lambda found: f"\\x{ord(found[0]):02x}", text)
+    return _CONTROLS.sub(lambda found: ascii(found[0])[1:-1], text)
+
+
+def console(*, error: bool = False) -> Console:
+    """rich's, on standard output or on standard ``error``; every text on it is `visible`, wherever it stands."""
+    from rich.console import Console
+    from rich.segment import Segment
+
+    class Visible(Console):
+        def render_str(self, text: str, **how: Any) -> Any:  # before it is measured
+            return super().render_str(visible(text), **how)
+
+        def render(self, *what: Any) -> Any:
+            for part in super().render(*what):
+                yield part if part.control else Segment(visible(part.text), part.style)
+
+    return Visible(stderr=error, highlight=False, markup=False, emoji=False)
 
 
 def put(data: Any) -> None:

@@ -12,7 +12,7 @@ import click
 from nhpocp.cli.options import json_option, load, set_option
 from nhpocp.cli.progress import progress
 from nhpocp.cli.summary import comparison_lines, report, task
-from nhpocp.cli.terminal import error_data, put, say, tell, verdict_lines
+from nhpocp.cli.terminal import error_data, put, say, tell, verdict_lines, visible
 from nhpocp.errors import InvalidProblemError
 from nhpocp.solvers.registry import SOLVERS
 
@@ -331,7 +331,9 @@ def _compared(
         missing.extend(warning for warning in written.warnings if warning not in solution.warnings)
         if not quiet:
             # above the progress, which takes what `print` writes, and not what `click.echo` does
-            print(f"{run.problem.name} by {run.variant}: {solution.outcome.value}  {solution.message}")
+            print(
+                visible(f"{run.problem.name} by {run.variant}: {solution.outcome.value}  {solution.message}")
+            )
         return folder
 
     tasks = {problem.name: task(file, overrides) for problem, file in zip(problems, files, strict=True)}

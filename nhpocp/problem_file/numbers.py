@@ -16,6 +16,8 @@ _PI = re.compile(rf"(?P<sign>-)?(?:(?P<factor>{_DECIMAL})\*)?pi(?:/(?P<divisor>{
 _DEGREES = re.compile(rf"(?P<degrees>[-+]?{_DECIMAL}(?:[eE][-+]?[0-9]+)?) +deg")
 _PATTERN = rf"^(-?({_DECIMAL}\*)?pi(/{_DECIMAL})?|[-+]?{_DECIMAL}([eE][-+]?[0-9]+)? +deg)$"
 
+PLAUSIBLE = 1e-50, 1e50  # a unit's size: its squares and their products are still numbers
+
 
 class Checked:
     """Annotation of a field: a validator and the JSON schema of what it accepts.
@@ -113,6 +115,14 @@ def _positive(value: Any) -> float:
     return number
 
 
+def _size(value: Any) -> float:
+    number = _positive(value)
+    least, most = PLAUSIBLE
+    if not least <= number <= most:
+        raise ValueError(f"{number:g} is out of range; expected a number from {least:g} to {most:g}")
+    return number
+
+
 def _not_negative(value: Any) -> float:
     number = parse_number(value)
     if number < 0:
@@ -167,6 +177,7 @@ NUMBER_SCHEMA: dict[str, Any] = {
 
 Number = Annotated[float, Checked(parse_number, NUMBER_SCHEMA)]
 Positive = Annotated[float, Checked(_positive, {**NUMBER_SCHEMA, "exclusiveMinimum": 0})]
+Size = Annotated[float, Checked(_size, {**NUMBER_SCHEMA, "minimum": PLAUSIBLE[0], "maximum": PLAUSIBLE[1]})]
 NotNegative = Annotated[float, Checked(_not_negative, {**NUMBER_SCHEMA, "minimum": 0})]
 Share = Annotated[
     float,

@@ -31,6 +31,7 @@ from nhpocp.problem_file.numbers import (
     Positive,
     Samples,
     Share,
+    Size,
     Whole,
     describe,
     parse_number,
@@ -214,8 +215,8 @@ class ProblemData(Strict):
         default="effort",
         description=", ".join(f"{name} {cost.formula}".rstrip() for name, cost in OBJECTIVES.items()),
     )
-    error_length: Positive = Field(default=1.0, description="length that counts as much as one radian in E")
-    length_scale: Positive | None = Field(
+    error_length: Size = Field(default=1.0, description="length that counts as much as one radian in E")
+    length_scale: Size | None = Field(
         default=None,
         description="divides the rotation columns of S and W; default: the mechanism's own length, else error_length",
     )

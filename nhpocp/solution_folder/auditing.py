@@ -15,12 +15,13 @@ from typing import Any
 
 import numpy as np
 
+from nhpocp.csv_table import as_text
 from nhpocp.errors import InvalidProblemError
 from nhpocp.objectives.registry import costs_of_motion, exact_costs
 from nhpocp.problem_file.dumping import writable
 from nhpocp.solution import Outcome, Solution, Verdict
 from nhpocp.solution_folder.plain_data import checksum, plain, to_json
-from nhpocp.solution_folder.reading import content, load_solution
+from nhpocp.solution_folder.reading import content, json_content, load_solution
 from nhpocp.solution_folder.tables import trajectory_table
 from nhpocp.verification import verify
 from nhpocp.verification.costs import replayed_costs
@@ -63,7 +64,7 @@ def audit(folder: str | os.PathLike[str]) -> Audit:
     """
     home = Path(folder)
     stored = load_solution(home)
-    stated = json.loads((home / "solution.json").read_text(encoding="utf-8"))
+    stated = json.loads(json_content(home / "solution.json"))
     verdict = verify(stored)
     costs = replayed_costs(stored.problem, stored.control) if verdict.error is not None else None
     judged = stored.judged(verdict)
@@ -244,7 +245,7 @@ class _Comparison:
             yield f"trajectory.csv cannot be read: {getattr(error, 'strerror', None) or error}"
             return
         header, *rows = list(csv.reader(io.StringIO(text, newline=""))) or [[]]
-        if header != names:
+        if header != [as_text(name) for name in names]:
             yield "trajectory.csv: its header is not that of this trajectory"
         elif len(rows) != len(columns) or any(len(row) != len(names) for row in rows):
             yield f"trajectory.csv has {len(rows)} rows; the trajectory has {len(columns)}"

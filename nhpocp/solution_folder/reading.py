@@ -30,6 +30,9 @@ from nhpocp.systems.numeric import numeric_system
 from nhpocp.whole import sweep
 
 LARGEST_FILE = 200_000_000  # bytes; 100 000 samples of a robot are 100 MB
+LARGEST_TREE = 350_000_000  # bytes, as a tree of Python's values; those samples are 250 MB
+# bytes that a value takes for each of its signs: a list or mapping, half a text, a number's or an entry's place
+SIZES = {b"[": 80, b"{": 80, b'"': 50, b",": 40, b":": 40}
 NEEDED = ("solution.json", "problem.yaml", "arrays.npz")
 SAME = 1e-9  # relative, between the two copies of the trajectory
 # what the zip and npy readers answer to damaged files; a header may also claim an array larger than the memory
@@ -52,7 +55,7 @@ def load_solution(folder: str | os.PathLike[str]) -> Solution:
             if not (home / name).exists():
                 raise UnreadableSolutionError(f"no solution folder: {_missing(home, name)}", file=str(home))
     with _reading(home / "solution.json"):
-        stored = parse_stored(content(home / "solution.json"), str(home / "solution.json"))
+        stored = parse_stored(json_content(home / "solution.json"), str(home / "solution.json"))
     problem = _problem(home / "problem.yaml")
     shapes = _shapes(problem)
     with _reading(home / "solution.json"):
@@ -161,6 +164,18 @@ def content(file: Path) -> bytes:
         if os.fstat(stream.fileno()).st_size > LARGEST_FILE:
             raise InvalidProblemError(f"larger than {LARGEST_FILE // 10**6} MB; no solution is")
         return stream.read()
+
+
+def json_content(file: Path) -> bytes:
+    """The JSON text of a file, if neither it nor what is made of it is larger than a solution can be.
+
+    Errors: `UnreadableSolutionError`.
+    """
+    with _reading(file):
+        text = content(file)
+        if sum(size * text.count(sign) for sign, size in SIZES.items()) > LARGEST_TREE:
+            raise InvalidProblemError("holds more lists, texts and numbers than any solution does")
+    return text
 
 
 def _room(tables: Mapping[str, Array]) -> int:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import csv
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from nhpocp.csv_table import write_table
 from nhpocp.solution import Solution
 
 # what a reader looks for first; further keys follow in the order in which the records name them
@@ -49,15 +48,4 @@ def record_names(records: Iterable[Mapping[str, Any]]) -> list[str]:
 
 def _write(file: Path, names: Sequence[str], rows: Iterable[Iterable[Any]]) -> None:
     with file.open("w", newline="", encoding="utf-8") as stream:
-        writer = csv.writer(stream)
-        writer.writerow(names)
-        writer.writerows([_cell(value) for value in row] for row in rows)
-
-
-def _cell(value: Any) -> Any:
-    """A value as text that reads back as the same number; truth as 1 or 0, what is missing or not finite as nothing."""
-    if isinstance(value, bool | np.bool_):
-        return int(value)
-    if isinstance(value, float | np.floating):
-        return repr(float(value)) if math.isfinite(value) else ""
-    return value  # csv writes None as nothing
+        write_table(stream, names, rows)

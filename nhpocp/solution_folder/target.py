@@ -10,6 +10,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from nhpocp.errors import InvalidProblemError
+from nhpocp.problem_file.document import open_file
 from nhpocp.whole import Bench, bench, exchange, sweep
 
 DATA = ("problem.yaml", "solution.json", "trajectory.csv", "iterations.csv", "arrays.npz", "solver.log")
@@ -106,10 +107,10 @@ def is_solution_folder(folder: Path) -> bool:
 def _says_so(file: Path) -> bool:
     """Whether a file is JSON that nhpocp wrote."""
     try:
-        head = file.read_text(encoding="utf-8")[:200]
-    except (OSError, UnicodeDecodeError):
+        with open_file(file) as stream:
+            return b'"schema_version"' in stream.read(200)
+    except OSError:
         return False
-    return '"schema_version"' in head
 
 
 def clear_up(target: Path) -> None:
@@ -123,12 +124,15 @@ def require_own(file: Path) -> None:
     if file.is_dir():
         raise InvalidProblemError("a folder stands where this file goes", file=str(file))
     try:
-        content = file.read_bytes()
+        with open_file(file) as stream:
+            head, size = stream.read(4096), os.fstat(stream.fileno()).st_size
+            stream.seek(max(0, size - 4096))
+            ends = head + stream.read(4096)
     except FileNotFoundError:
         return
     except OSError as error:
         raise unwritable(file, error) from error
-    if content and not any(words in content[:4096] + content[-4096:] for words in SIGNED[file.name]):
+    if ends and not any(words in ends for words in SIGNED[file.name]):
         raise InvalidProblemError(
             "this file was not written by nhpocp and is left alone; choose another folder with -o",
             file=str(file),

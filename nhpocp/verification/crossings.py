@@ -16,6 +16,7 @@ from nhpocp.systems.margins import det
 from nhpocp.systems.numeric import NumericSystem
 from nhpocp.verification.replay import Path
 
+MOST = 100  # zeros of a function that are found out exactly; more of them lie no closer than its samples
 TOUCH = 1e-6  # σ_min, dimensionless: below it, dividing by it leaves six of a replay's twelve digits
 
 
@@ -47,12 +48,15 @@ def touches(
 ) -> list[float]:
     """Times at which a function ≥ 0, known at times, comes below `TOUCH`; one of each stretch of samples.
 
-    Stretches that hold one of the times ``crossed`` are left out.
+    Stretches that hold one of the times ``crossed`` are left out. Of more than `MOST` places the lowest are looked at.
     """
     usable = np.isfinite(values)
     times, values = times[usable], values[usable]
     found: list[float] = []
-    for k in _low_places(values):
+    places = _low_places(values)
+    if len(places) > MOST:
+        places = sorted(sorted(places, key=lambda k: values[k])[:MOST])
+    for k in places:
         span = times[max(k - 1, 0) : k + 2]
         if any(span[0] <= time <= span[-1] for time in crossed):
             continue
@@ -80,9 +84,17 @@ def _low_places(values: Array) -> list[int]:
 
 
 def sign_changes(function: Callable[[float], float], times: Array, values: Array) -> list[float]:
-    """Zeros with a change of sign of a function known at times; also pairs that fall between two samples."""
+    """Zeros with a change of sign of a function known at times; also pairs that fall between two samples.
+
+    More than `MOST` are rounding, or more than samples resolve: each then lies where a straight line between two of
+    them has it.
+    """
     usable = np.isfinite(values) & (values != 0)  # a sample exactly on a zero is bracketed by its neighbours
     times, values = times[usable], values[usable]
+    changes = np.flatnonzero(np.sign(values[1:]) != np.sign(values[:-1]))
+    if len(changes) > MOST:
+        shares = 1.0 / (1.0 + np.abs(values[changes + 1] / values[changes]))
+        return [float(t) for t in times[changes] + shares * (times[changes + 1] - times[changes])]
     knots = [(float(t), float(np.sign(value))) for t, value in zip(times, values, strict=True)]
     knots += [(dip, -sign) for dip, sign in _dips(function, times, values)]
     zeros = []
@@ -95,7 +107,8 @@ def sign_changes(function: Callable[[float], float], times: Array, values: Array
 def _dips(function: Callable[[float], float], times: Array, values: Array) -> list[tuple[float, float]]:
     """Times between samples at which |f| dips through zero and back, with the sign f has around them."""
     size, signs = np.abs(values), np.sign(values)
-    dips = []
+    dips: list[tuple[float, float]] = []
+    looked = 0
     for k in range(1, len(values) - 1):
         if not (signs[k - 1] == signs[k] == signs[k + 1] and size[k] <= min(size[k - 1], size[k + 1])):
             continue
@@ -103,6 +116,9 @@ def _dips(function: Callable[[float], float], times: Array, values: Array) -> li
         sag = (size[k + 1] - size[k - 1]) ** 2 / (8 * curvature) if curvature > 0 else 0.0
         if sag < 0.5 * size[k]:  # the parabola through three samples stays well clear of zero
             continue
+        looked += 1
+        if looked > MOST:
+            break
         lowest = minimize_scalar(
             lambda t, sign=signs[k]: sign * function(t),
             bounds=(times[k - 1], times[k + 1]),

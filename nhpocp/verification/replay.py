@@ -9,14 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from itertools import pairwise
-from math import acos, isqrt
+from math import isqrt
 from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.polynomial.chebyshev import chebvander
-from scipy.integrate import DOP853, OdeSolution
+from scipy.integrate import DOP853
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
@@ -25,6 +23,7 @@ from nhpocp.controls.control import Control
 from nhpocp.state_space import StateSpace
 from nhpocp.systems.numeric import NumericSystem
 from nhpocp.systems.system import System
+from nhpocp.verification.pieces import Inputs, Pieces, Steps, Strides, in_pieces
 
 RTOL = ATOL = 1e-12  # the latter in units of the state's scales
 METHOD = (
@@ -35,16 +34,8 @@ STEPS_PER_FUNCTION = 20  # more, for a basis whose functions oscillate: a harmon
 FIRST_STEP = (
     0.02  # of the horizon, at most a smooth piece: SciPy's own first step is absolute at a state of zeros
 )
+MANY = 1000  # pieces, from which on preparing to step over many at once is worth while
 SHORTEST_STEP = 1e-9  # share of a smooth piece; a path that needs such steps ends there
-
-# On a smooth piece, mapped to [-1, 1]: basis functions are interpolated at Chebyshev's nodes, and compared with that at
-# probes which are no multiples of a fraction that a period may have
-DEGREE = 7
-NODES = np.cos(np.pi * (np.arange(DEGREE + 1) + 0.5) / (DEGREE + 1))
-PROBES = np.array([-0.7726, 0.0582, 0.7426])
-TO_COEFFICIENTS = np.linalg.inv(chebvander(NODES, DEGREE))
-INTERPOLATED = chebvander(PROBES, DEGREE) @ TO_COEFFICIENTS
-ROUNDING = 1e-13  # of the largest value on the piece
 
 Rate = Callable[[float, Array, Array], Array]  # (t, x, u(t)) ↦ ẋ
 
@@ -77,23 +68,23 @@ class Path:
     start: Array
     reached: float
     stopped: str | None = None
-    _dense: Any = field(default=None, repr=False)
+    _steps: Steps | None = field(default=None, repr=False)
 
     def __call__(self, times: Array) -> Array:
         """States (k, n) at times (k,) in [0, reached]."""
         times = np.asarray(times, dtype=float)
-        if self._dense is None:
+        if self._steps is None:
             return np.tile(self.start, (len(times), 1))
-        return np.asarray(self._dense(times)).T
+        return self._steps(times)
 
     @property
     def times(self) -> Array:
         """Where the integrator's steps end, 0 first."""
-        return np.zeros(1) if self._dense is None else np.asarray(self._dense.ts)
+        return np.append([] if self._steps is None else self._steps.begins, self.reached)
 
     def at(self, time: float) -> Array:
         """The state (n,) at one time, without the cost of arrays of times."""
-        return self.start if self._dense is None else np.asarray(self._dense(time))
+        return self.start if self._steps is None else self._steps(np.asarray(time))
 
 
 @dataclass(frozen=True)
@@ -119,6 +110,11 @@ class Watch:
         self._matrices = [FastFunction(ca.Function("matrix", [x], [matrix])) for matrix in matrices]
         self._sign, self._largest = np.sign(self.value(start)), 0.0
 
+    @property
+    def looks(self) -> bool:
+        """Whether there is anything to see."""
+        return bool(self._matrices)
+
     def value(self, state: Array) -> float:
         """The product of the determinants; 1 for a system that divides by none."""
         product = 1.0
@@ -130,94 +126,119 @@ class Watch:
 
     def look(self, dense: Any, low: float, high: float) -> tuple[float, str | None]:
         """Where a step ends, ``high`` unless a zero is met before, and what was met."""
-        value = self.value(dense(high))
+        value = self.value(dense(np.asarray(high)))
         self._largest = max(self._largest, abs(value))
         named = " or ".join(f"det {name.upper()}" for name in self._names)
         if np.sign(value) != self._sign:
-            if self.value(dense(low)) * value < 0:  # else the value is 0 or not a number
-                high = float(brentq(lambda t: self.value(dense(t)), low, high, xtol=1e-12 * (high - low)))
+            if self.value(dense(np.asarray(low))) * value < 0:  # else the value is 0 or not a number
+                high = float(
+                    brentq(lambda t: self.value(dense(np.asarray(t))), low, high, xtol=1e-12 * (high - low))
+                )
             return high, f"{named}, by which these equations divide, changes its sign"
         if abs(value) < self._vanishing * self._largest:
             return high, f"{named}, by which these equations divide, vanishes"
         return high, None
 
 
-def inputs_on_piece(control: Control, first: float, last: float) -> Callable[[float], Array]:
-    """t ↦ u(t) between two breakpoints, with the limits from inside at either.
-
-    Where all basis functions are one and the same polynomial each on the piece, which no choice of coefficients can
-    feign, so is u, and the table is asked once.
-    """
-    middle, half = 0.5 * (first + last), 0.5 * (last - first)
-    table = control.basis.table(middle + half * np.concatenate([NODES, PROBES]), control.horizon)
-    if (table == table[0]).all():
-        constant = control.coefficients @ table[0]
-        return lambda t: constant
-    nodes, probes = table[: len(NODES)], table[len(NODES) :]
-    if (np.abs(INTERPOLATED @ nodes - probes) <= ROUNDING * np.abs(table).max()).all():
-        polynomial = TO_COEFFICIENTS @ nodes @ control.coefficients.T
-        orders = np.arange(DEGREE + 1)
-        # T_k(x) = cos(k arccos x)
-        return lambda t: np.cos(orders * acos(min(1.0, max(-1.0, (t - middle) / half)))) @ polynomial
-    return lambda t: control(np.array([min(t, last)]), "left" if t >= last else "right")[0]
-
-
 def integrate(
-    rate: Rate, control: Control, start: Array, watch: Watch | None = None, scales: Array | float = 1.0
+    rate: Rate,
+    control: Control,
+    start: Array,
+    watch: Watch | None = None,
+    scales: Array | float = 1.0,
+    function: ca.Function | None = None,
 ) -> Path:
     """ẋ = rate over the control's horizon; ends early where it cannot go on, or where ``watch`` meets a zero.
 
-    ``scales``: the natural sizes of the state's numbers. No step or tolerance has a unit of its own.
+    ``scales``: the natural sizes of the state's numbers. No step or tolerance has a unit of its own. ``function``:
+    (x, u) ↦ rate, where that depends on nothing else; with it many short pieces take little time.
     """
-    knots = np.unique([0.0, *control.breakpoints, control.horizon])
+    atol, longest = ATOL * scales, FIRST_STEP * control.horizon
     budget = MOST_STEPS + STEPS_PER_FUNCTION * control.basis.size
-    times: list[float] = [0.0]
-    pieces: list[Any] = []
-    state, stopped = np.asarray(start, dtype=float), None
+    run = _Integration(rate, np.asarray(start, dtype=float), atol, longest, budget, watch)
+    strides = Strides(function, RTOL, atol) if function and len(control.breakpoints) > MANY else None
     with np.errstate(all="ignore"):  # a step that overflows is rejected and shortened
-        for first, last in pairwise(knots):
-            inputs = inputs_on_piece(control, first, last)
-
-            def piecewise(t: float, x: Array, inputs: Callable[[float], Array] = inputs) -> Array:
-                return rate(t, x, inputs(t))
-
-            if not np.isfinite(
-                piecewise(first, state)
-            ).all():  # DOP853 would never return from its first step
-                stopped = "the rate there is not finite"
+        for pieces in in_pieces(control):
+            done = run.stride(strides, pieces) if strides else 0
+            for k in range(done, len(pieces)):
+                if not run.stopped:
+                    run.follow(pieces.inputs(k), *map(float, pieces.ends[k : k + 2]))
+            if run.stopped:
                 break
-            step = min(last - first, FIRST_STEP * control.horizon)
-            solver = DOP853(piecewise, first, state, last, rtol=RTOL, atol=ATOL * scales, first_step=step)
-            taken = 0
-            while solver.status == "running" and stopped is None:
-                solver.step()
-                taken += 1
-                if solver.status == "failed":
-                    stopped = "the step size collapsed"
+    return Path(np.asarray(start), run.reached, run.stopped, Steps.joined(run.found) if run.found else None)
+
+
+@dataclass
+class _Integration:
+    """How far a path has been followed, and how."""
+
+    rate: Rate
+    state: Array
+    atol: Array | float
+    longest: float  # of a first step
+    budget: int  # steps of a piece
+    watch: Watch | None
+    reached: float = 0.0
+    stopped: str | None = None
+    found: list[Steps] = field(default_factory=list)
+
+    def stride(self, strides: Strides, pieces: Pieces) -> int:
+        """Over the first pieces in one step each; how many."""
+        steps, ends = strides.along(self.state, pieces, self.longest)
+        if self.watch and self.watch.looks:
+            for k in range(len(ends)):
+                self._keep(steps[k : k + 1], float(pieces.ends[k + 1]))
+                if self.stopped:
                     break
-                dense, end = solver.dense_output(), float(solver.t)
-                if solver.status == "running" and solver.step_size < SHORTEST_STEP * (last - first):
-                    stopped = "the step size collapsed"
-                elif watch:
-                    end, stopped = watch.look(dense, times[-1], end)
-                if end > times[-1]:
-                    times.append(end)
-                    pieces.append(dense)
-                if taken >= budget and solver.status == "running" and stopped is None:
-                    stopped = (
-                        f"{taken} steps were not enough for the smooth piece from t={first:g} to {last:g}"
-                    )
-            state = solver.y
-            if stopped:
+        elif len(ends):
+            self.found.append(steps)
+            self.reached = float(pieces.ends[len(ends)])
+        self.state = ends[-1] if len(ends) else self.state
+        return len(ends)
+
+    def follow(self, inputs: Inputs, first: float, last: float) -> None:
+        """Over one piece, in as many steps as it takes."""
+
+        def piecewise(t: float, x: Array) -> Array:
+            return self.rate(t, x, inputs(t))
+
+        if not np.isfinite(
+            piecewise(first, self.state)
+        ).all():  # DOP853 would never return from its first step
+            self.stopped = "the rate there is not finite"
+            return
+        step = min(last - first, self.longest)
+        solver = DOP853(piecewise, first, self.state, last, rtol=RTOL, atol=self.atol, first_step=step)
+        taken = 0
+        while solver.status == "running" and self.stopped is None:
+            solver.step()
+            taken += 1
+            if solver.status == "failed":
+                self.stopped = "the step size collapsed"
                 break
-    return Path(np.asarray(start), times[-1], stopped, OdeSolution(times, pieces) if pieces else None)
+            if solver.status == "running" and solver.step_size < SHORTEST_STEP * (last - first):
+                self.stopped = "the step size collapsed"
+            self._keep(Steps.of(solver.dense_output()), float(solver.t))
+            if taken >= self.budget and solver.status == "running" and self.stopped is None:
+                self.stopped = (
+                    f"{taken} steps were not enough for the smooth piece from t={first:g} to {last:g}"
+                )
+        self.state = solver.y
+
+    def _keep(self, step: Steps, end: float) -> None:
+        """One step more, as far as nothing is met on it."""
+        if self.watch and self.stopped is None:
+            end, self.stopped = self.watch.look(step, self.reached, end)
+        if end > self.reached:
+            self.reached = end
+            self.found.append(step)
 
 
 def replay(numeric: NumericSystem, control: Control, start: Array, scales: Array | float = 1.0) -> Path:
     """The system's own equations ẋ = G(x) u under the control; ``scales`` as for `integrate`."""
     rate = FastFunction(numeric.rate_function)
     patient = Watch(numeric.system, start, vanishing=1e-7)  # to stop here is to refute
-    return integrate(lambda t, x, u: rate(x, u), control, start, patient, scales)
+    return integrate(lambda t, x, u: rate(x, u), control, start, patient, scales, numeric.rate_function)
 
 
 def sample(path: Path, control: Control, count: int) -> Samples:

@@ -226,8 +226,8 @@ def along_guess(analysis: Analysis) -> Figure:
             axes.plot(zeros, np.full(len(zeros), floor), label=_determinant(f"det_{letter}"), **ZERO)
         seen.append(values)
     if path.irregular:
-        vectors = {str(path.growth[i].vector) for i in path.irregular}
-        words = f"growth vector {' or '.join(sorted(vectors))}"
+        vectors = sorted({str(path.growth[i].vector) for i in path.irregular})
+        words = f"growth vector {' or '.join(vectors if len(vectors) < 4 else [*vectors[:2], 'others'])}"
         axes.plot(path.times[path.irregular], np.full(len(path.irregular), floor), label=words, **CROSSING)
     axes.set(xlim=(0, path.times[-1]), xlabel="time $t$ [–]", ylabel="least singular value [–]")
     known = np.concatenate([np.maximum(values[np.isfinite(values)], floor) for values in seen])

@@ -14,6 +14,7 @@ from typing import Protocol
 import numpy as np
 
 from nhpocp.arrays import Array
+from nhpocp.solvers.least_cost.curvature import Curvature
 from nhpocp.solvers.least_cost.null_space import Constraint, Cost, NullSpaceResult, Penalty, minimise
 
 ROUNDS = 12
@@ -64,7 +65,7 @@ def rounds(
     tolerance: float,
     goal: float,
     curvature: float = 2.0,
-    hessian: Array | None = None,
+    hessian: Curvature | None = None,
 ) -> Iterator[Round]:
     """One result after another, each nearer to the least cost with every g ≥ -slack.
 

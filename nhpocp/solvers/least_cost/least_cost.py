@@ -17,11 +17,13 @@ from nhpocp.problem import PlanningProblem
 from nhpocp.provenance import afford
 from nhpocp.solution import Outcome
 from nhpocp.solvers.least_cost.augmented_lagrangian import rounds
+from nhpocp.solvers.least_cost.curvature import MOST, Curvature
 from nhpocp.solvers.least_cost.null_space import Cost, LimitReached, NoSurfaceError, NullSpaceResult, minimise
 from nhpocp.solvers.least_cost.path_rows import FINE_STEPS, FORGIVEN, INSIDE, PathRows, worst
 from nhpocp.solvers.metrics import Coordinates, WeightedMetric
 
 DENSE = 64.0  # bytes for each entry of the model of the Hessian: it, its projection, and copies of both
+SEEN = 32.0  # for each entry of the directions that it knows: they, and what is made of them
 HELD = 1e-6  # of a limit: a violation that is rounding; verification forgives a thousand times as much
 NOTHING = 1e-6  # of a problem's own cost
 
@@ -90,9 +92,11 @@ class LeastCost:
     def __post_init__(self) -> None:
         problem, horizon = self.problem, self.horizon
         size = self.reached.size
-        if self.objective != "none" or problem.bounds:
-            afford(DENSE * size**2, f"the search for less in the null space of {size} coefficients")
+        search = f"the search for less in the null space of {size} coefficients"
+        if self.objective != "none":
+            afford(SEEN * size * min(size, MOST), search)
         if problem.bounds:
+            afford(DENSE * size**2, search)
             rows = len(self.times) + FINE_STEPS
             afford(DENSE * rows * size, f"the bounds at {rows} times by {size} coefficients")
         basis, scales = problem.basis, problem.scales
@@ -138,7 +142,7 @@ class LeastCost:
         if violation > HELD and not self._bounded(best, self._cost, free.y, free.hessian):
             self._bounded(best, self._cost, self._first)
 
-    def _bounded(self, best: _Best, cost: Cost, y: Array, hessian: Array | None = None) -> bool:
+    def _bounded(self, best: _Best, cost: Cost, y: Array, hessian: Curvature | None = None) -> bool:
         """The rounds of the method of multipliers from y; whether they end within the bounds."""
         searched = rounds(
             self._constraint,

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from nhpocp.arrays import Array, norm
+from nhpocp.solvers.least_cost.curvature import Curvature
 
 Constraint = Callable[[Array], tuple[Array, Array] | None]  # y ↦ (e, J), None where the path cannot be used
 Cost = Callable[[Array], tuple[float, Array]]  # y ↦ (f, ∇f)
@@ -26,7 +27,6 @@ FAR = 1.0  # of e, dimensionless: where the model of the surface is no guide bac
 NOTHING = 1e-14  # of the merit: a promise not worth a step
 NOISE = 1e-13  # of the merit: what rounding may add to it
 PATIENCE = 10  # steps in a row that gain no more than that
-FLATTEST, STEEPEST = 1e-4, 1e5  # curvatures of the model, times its first one, beyond which it begins again
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class NullSpaceResult:
     converged: bool
     evaluations: int
     history: list[dict[str, Any]]
-    hessian: Array = field(repr=False)
+    hessian: Curvature = field(repr=False)
     rows: Array = field(repr=False)  # g there; empty without a penalty
 
 
@@ -72,7 +72,7 @@ def minimise(
     *,
     penalty: Penalty | None = None,
     curvature: float = 2.0,
-    hessian: Array | None = None,
+    hessian: Curvature | None = None,
     tolerance: float = 1e-8,
     goal: float = 1e-9,
     most: int = 400,
@@ -94,8 +94,10 @@ def minimise(
     if point is None:
         raise NoSurfaceError("the search must start near a usable control that reaches the goal")
     search.kept = point
-    first = curvature * np.eye(len(y))
-    model, fresh = (first, True) if hessian is None else (hessian, False)
+    first = Curvature.first(curvature, len(y), full=penalty is not None)
+    model, fresh = hessian or first, hessian is None
+    if penalty and hessian:  # whose kinks lie in any direction
+        model = hessian.full(curvature)
     history: list[dict[str, Any]] = []
     idle = 0
     for k in range(most):
@@ -118,7 +120,7 @@ def minimise(
             point = back or point
             continue
         change = there.lagrangian_slope(there) - point.lagrangian_slope(there)
-        model, fresh = _bfgs(model, there.y - point.y, change, curvature), False
+        model, fresh = model.updated(there.y - point.y, change), False
         idle = idle + 1 if search.gain(point, there) < NOISE * abs(point.merit) else 0
         point = there
         if idle == PATIENCE:  # held by the controls that may not be used
@@ -134,7 +136,7 @@ class _Step(NamedTuple):
     normal: Array  # -J^# e
     along: Array  # in the null space of J
     promised: float
-    hessian: Array  # of the model
+    hessian: Curvature
 
 
 @dataclass(frozen=True)
@@ -186,18 +188,22 @@ class _Point:
         """∇f + Jᵀμ - ∂gᵀκ here with another point's multipliers."""
         return self.slope + self.J.T @ other.mu - other.kappa @ self.row_slopes
 
-    def step(self, hessian: Array) -> _Step:
+    def step(self, model: Curvature) -> _Step:
         """To the minimiser of the model on the linearised surface."""
-        left, values, right = np.linalg.svd(self.J)
+        model = model.over(self.J.T, self.slope)  # among these it lies; where there is a penalty they are all
+        seen, hessian, slope = model.seen, model.inner, model.seen.T @ self.slope
+        left, values, right = np.linalg.svd(self.J @ seen)
         rank = int(np.sum(values > 1e-10 * values[0]))
         normal, null = -right[:rank].T @ ((left.T @ self.e)[:rank] / values[:rank]), right[rank:].T
-        curvature, slope = null.T @ hessian @ null, null.T @ (self.slope + hessian @ normal)
-        if not self.penalty:
+        curvature, slope = null.T @ hessian @ null, null.T @ (slope + hessian @ normal)
+        if self.penalty:
+            rows = self.row_slopes @ seen
+            excess = self.excess - rows @ normal
+            z, promised = _least_of_pieces(curvature, slope, excess, rows @ null, self.weight)
+        else:
             z = -np.linalg.solve(curvature, slope)
-            return _Step(normal, null @ z, -0.5 * float(slope @ z), hessian)
-        excess = self.excess - self.row_slopes @ normal
-        z, promised = _least_of_pieces(curvature, slope, excess, self.row_slopes @ null, self.weight)
-        return _Step(normal, null @ z, promised, hessian)
+            promised = -0.5 * float(slope @ z)
+        return _Step(seen @ normal, seen @ (null @ z), promised, model)
 
 
 class _Search:
@@ -286,7 +292,7 @@ class _Search:
     def on_surface(self, point: _Point) -> bool:
         return bool(norm(point.e) < self.goal)
 
-    def result(self, converged: bool, history: list[dict[str, Any]], hessian: Array) -> NullSpaceResult:
+    def result(self, converged: bool, history: list[dict[str, Any]], hessian: Curvature) -> NullSpaceResult:
         """What was kept."""
         point = self.kept
         if point is None:
@@ -299,7 +305,7 @@ class _Search:
 def _near_enough(step: _Step, share: float, back: Array) -> bool:
     """Whether a step may end beside the surface, Newton's way back left to the next one."""
     short = bool(norm(back) < BESIDE * share * norm(step.along))
-    return short and 0.5 * float(back @ step.hessian @ back) < BESIDE * share * step.promised
+    return short and 0.5 * float(back @ (step.hessian @ back)) < BESIDE * share * step.promised
 
 
 def _least_of_pieces(
@@ -336,16 +342,3 @@ def _least_of_pieces(
         z = z + high * newton
         least = value(z)
     return z, first - least
-
-
-def _bfgs(hessian: Array, step: Array, change: Array, scale: float) -> Array:
-    """Powell's damped update: stays positive definite; back to ``scale`` I where it would end nearly singular."""
-    image = hessian @ step
-    curvature, along = float(step @ image), float(step @ change)
-    if curvature <= 0:
-        return hessian
-    theta = 1.0 if along >= 0.2 * curvature else 0.8 * curvature / (curvature - along)
-    mixed = theta * change + (1 - theta) * image
-    if not FLATTEST * scale * (step @ step) < step @ mixed > mixed @ mixed / (STEEPEST * scale):
-        return scale * np.eye(len(step))
-    return hessian - np.outer(image, image) / curvature + np.outer(mixed, mixed) / float(step @ mixed)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import casadi as ca
@@ -18,14 +18,16 @@ from nhpocp.flow.shot import Shot, part
 from nhpocp.kept import kept
 from nhpocp.objectives.objective import ControlObjective, PathObjective
 from nhpocp.objectives.registry import OBJECTIVES
-from nhpocp.problem import PlanningProblem
+from nhpocp.problem import Horizon, PlanningProblem
 from nhpocp.solvers.nlp.task_rows import TaskRows, basis_table, stage_times
 from nhpocp.state_space import StateSpace
 from nhpocp.systems.numeric import numeric_system
 from nhpocp.systems.system import System
 from nhpocp.task import Task
 
-MOST = 4  # intervals that are kept for one system
+# instructions of all intervals that are kept, whatever their system: a thousand take 3.5 MB; and as
+# how many an interval counts besides, for what it keeps of its system
+MOST, BESIDES = 56_000, 8_000
 # what counts as 1, and the cost by which the objective is softened; one for every bound follows
 UNITS = ("length", "number", "time", "cost", "soft")
 STEADY = 1e-4  # of a path's length: what keeps a horizon in which that is the same near its first value
@@ -43,6 +45,19 @@ class StatedRow:
     of_pose: bool  # whatever the control
 
 
+@dataclass(frozen=True)
+class Kind:
+    """All that tells the intervals of one system apart: neither start, goal, guess nor N is among it."""
+
+    objective: str
+    scale: float
+    horizon: Horizon
+    basis: ControlBasis | None
+    steps: int
+    sides: tuple[tuple[str, ...], ...]  # of the bounds, by which they are compared
+    bounds: Sequence[Bound] = field(compare=False)
+
+
 class Interval:
     """One shooting interval, symbolically: the same for every k, N and unit, which enter through parameters.
 
@@ -51,12 +66,11 @@ class Interval:
     else times, and what counts as 1 (`units_of`).
     """
 
-    def __init__(
-        self, problem: PlanningProblem, basis: ControlBasis | None, steps: int, bounds: Sequence[Bound]
-    ) -> None:
-        system, space = problem.system, problem.system.state_space
-        self.problem, self.basis, self.steps, self.bounds = problem, basis, steps, bounds
-        self.free_horizon = problem.horizon.free
+    def __init__(self, system: System, kind: Kind) -> None:
+        space, basis = system.state_space, kind.basis
+        self.system, self.kind = system, kind
+        self.basis, self.steps, self.bounds = basis, kind.steps, kind.bounds
+        self.free_horizon = kind.horizon.free
         d, m = space.dimension, system.input_space.size
         self.statics = (m * basis.size if basis else 0) + int(self.free_horizon)
         self.dimension, self.nodes, self.controls = d, d + self.statics, 0 if basis else m
@@ -64,7 +78,7 @@ class Interval:
         self.shot = self._shot()
 
     def _shot(self) -> Shot:
-        problem, space = self.problem, self.problem.system.state_space
+        system, space = self.system, self.system.state_space
         z, y = (
             ca.SX.sym("z", self.dimension),
             ca.SX.sym("y", space.size + 1),
@@ -78,13 +92,13 @@ class Interval:
         state, control = y[:-1], self._control(s, phi, units)
         time, scales = units[UNITS.index("time")], self._scales(space, units)
         horizon = time * s[self.statics - 1] if self.free_horizon else 1.0
-        rate = numeric_system(problem.system).rate_function(state, control)
+        rate = numeric_system(system).rate_function(state, control)
         rest = units[UNITS.index("soft")] / (horizon if self.free_horizon else time)
         slope = step * horizon * ca.vertcat(rate, self._integrand(state, control, rest))
         after = space.coordinates(state, there) / scales
         places, expressions = self._path_rows(state, control, s, units)
         if self.free_horizon:
-            self.rows.append(StatedRow("horizon", *problem.horizon.range, 0.0, UNITS.index("time"), False))
+            self.rows.append(StatedRow("horizon", *self.kind.horizon.range, 0.0, UNITS.index("time"), False))
             places = np.hstack([places, np.full((len(places), 1), -1)])
             places[-1, -1] = self.nodes + len(self.rows) - 1
             expressions.append(horizon / time)
@@ -103,7 +117,7 @@ class Interval:
 
     def constants(self, here: Array, there: Array, intervals: int, units: Array) -> Array:
         """c of one of so many intervals between two reference poses."""
-        length = (1.0 if self.free_horizon else self.problem.horizon.fixed) / intervals
+        length = (1.0 if self.free_horizon else self.kind.horizon.fixed) / intervals
         return np.concatenate([here, there, [length, length / self.steps], units])
 
     def points(self, z: Array, references: Array, units: Array) -> Array:
@@ -128,13 +142,13 @@ class Interval:
 
         The last of them is cut short where the place lies within it.
         """
-        space, size = self.problem.system.state_space, self.basis.size if self.basis else 0
+        space, size = self.system.state_space, self.basis.size if self.basis else 0
         w, here = ca.SX.sym("w", self.nodes + self.controls), ca.SX.sym("here", space.size)
         z, s = w[: self.dimension, :], w[self.dimension :, :]
         shares = stage_times(offset, self.steps)
         tables = ca.SX.sym("phi", size, len(shares))
         phi = ca.horzsplit(tables)
-        length = (1.0 if self.free_horizon else self.problem.horizon.fixed) / intervals
+        length = (1.0 if self.free_horizon else self.kind.horizon.fixed) / intervals
         y = self.shot.opened(z, s, ca.vertcat(here, here, 0, 0, units), phi[0])
         for j in range(0, len(shares) - 1, 2):
             constants = ca.vertcat(here, here, length, (shares[j + 2] - shares[j]) * length, units)
@@ -155,7 +169,7 @@ class Interval:
 
     def last_meeting(self, task: Task, reference: Array, intervals: int, units: Array) -> TaskRows:
         """The equations of a task's outputs at the last node."""
-        space = self.problem.system.state_space
+        space = self.system.state_space
         s, here = ca.SX.sym("s", self.nodes), ca.SX.sym("here", space.size)
         state = space.chart(self._scales(space, units) * s[: self.dimension, :], here)
         names = [f"goal of {label}" for label in task.output_labels]
@@ -168,26 +182,26 @@ class Interval:
         return ca.vertcat(ca.SX(0, 1), *(ones[unit] for unit in space.tangent_units))
 
     def _input_scales(self, units: Any) -> Any:
-        return self._scales(self.problem.system.input_space, units) / units[UNITS.index("time")]
+        return self._scales(self.system.input_space, units) / units[UNITS.index("time")]
 
     def _control(self, s: ca.SX, phi: ca.SX, units: ca.SX) -> ca.SX:
         """u of the variables s, with φ of its time."""
         if self.basis is None:
             # with one index, nothing of one number is a row to CasADi
             return self._input_scales(units) * s[self.statics :, :]
-        inputs = self.problem.system.input_space.size
+        inputs = self.system.input_space.size
         coefficients = ca.reshape(s[: inputs * self.basis.size, :], self.basis.size, inputs).T
         return self._input_scales(units) * (coefficients @ phi)
 
     def _integrand(self, state: ca.SX, control: ca.SX, rest: ca.SX) -> Any:
-        objective = OBJECTIVES[self.problem.objective]
+        objective = OBJECTIVES[self.kind.objective]
         if not isinstance(objective, PathObjective):  # exact without quadrature
             return 0.0
-        return objective.searched(self.problem.system, state, control, self.problem.scale, rest)
+        return objective.searched(self.system, state, control, self.kind.scale, rest)
 
     def _cost(self, s: ca.SX, length: Any, quadrature: ca.SX, units: ca.SX) -> Any:
         """q of an interval of that length in time."""
-        objective = OBJECTIVES[self.problem.objective]
+        objective = OBJECTIVES[self.kind.objective]
         if isinstance(objective, ControlObjective):
             return length * self._quadratic(objective, s, units)
         if not isinstance(objective, PathObjective):
@@ -198,22 +212,18 @@ class Interval:
         return quadrature
 
     def _quadratic(self, objective: ControlObjective, s: ca.SX, units: ca.SX) -> Any:
-        """Σ λᵀ M λ / T, of one duration in which M is the basis's whole, or a constant control's."""
-        inputs, basis = self.problem.system.input_space.size, self.basis or PiecewiseConstant(1)
-        first = 0 if self.basis else self.statics
-        coefficients = s[first : first + inputs * basis.size, :] * _each(
-            self._input_scales(units), basis.size
-        )
-        gram = np.kron(
-            np.eye(inputs), np.asarray(objective.gram(basis, 1.0))
-        )  # that of T is T^(pace + 2) times this
-        horizon = (
-            units[UNITS.index("time")] * s[self.statics - 1]
-            if self.free_horizon
-            else self.problem.horizon.fixed
-        )
-        pace = 1.0 if objective.pace == -1 else horizon ** (objective.pace + 1)
-        return pace * (coefficients.T @ ca.DM(gram) @ coefficients)
+        """Σ λᵀ M λ / T over the basis, or over the one value of this interval."""
+        inputs, basis = self.system.input_space.size, self.basis or PiecewiseConstant(1)
+        first, size = 0 if self.basis else self.statics, basis.size
+        coefficients = s[first : first + inputs * size, :] * _each(self._input_scales(units), size)
+        # M of T is T^(pace + 2) times that of 1
+        gram = ca.DM(np.kron(np.eye(inputs), np.asarray(objective.gram(basis, 1.0))))
+        value = coefficients.T @ gram @ coefficients
+        if objective.pace == -1:
+            return value
+        free = self.free_horizon
+        horizon = units[UNITS.index("time")] * s[self.statics - 1] if free else self.kind.horizon.fixed
+        return horizon ** (objective.pace + 1) * value
 
     def _path_rows(
         self, state: ca.SX, control: ca.SX, chosen: ca.SX, units: ca.SX
@@ -222,7 +232,7 @@ class Interval:
 
         ``chosen``: the variables that set the control. The places among the outputs that `Shot` wants, and expressions.
         """
-        system, scale, expressions, columns = self.problem.system, self.problem.scale, [], []
+        system, scale, expressions, columns = self.system, self.kind.scale, [], []
         for number, bound in enumerate(self.bounds, len(UNITS)):
             found = bound_rows(bound, system, state, control, scale)
             places = np.full((self.steps + 1, len(found)), -1)
@@ -260,20 +270,15 @@ def units_of(problem: PlanningProblem, bounds: Sequence[Bound], softening: float
 def interval_of(
     problem: PlanningProblem, basis: ControlBasis | None, steps: int, bounds: Sequence[Bound]
 ) -> Interval:
-    """The `Interval`, made once: neither start, goal, guess nor N enters it."""
+    """The `Interval`, made once for all problems of its `Kind`."""
     sides = tuple(
         (bound.label, bound.quantity, *(repr(np.asarray(x).tolist()) for x in (bound.lower, bound.upper)))
         for bound in bounds
     )
-    key = (problem.objective, problem.scale, problem.horizon, basis, steps, sides)
-    made = _made(problem.system)
-    if key not in made:
-        while len(made) >= MOST:
-            made.pop(next(iter(made)))
-        made[key] = Interval(problem, basis, steps, list(bounds))
-    return made[key]
+    kind = Kind(problem.objective, problem.scale, problem.horizon, basis, steps, sides, tuple(bounds))
+    return _made(problem.system, kind)
 
 
-@kept(most=2)  # of two systems: each interval may hold 50 MB of expressions
-def _made(system: System) -> dict[Any, Interval]:
-    return {}
+@kept(most=MOST, size=lambda interval: BESIDES + interval.shot.length)
+def _made(system: System, kind: Kind) -> Interval:
+    return Interval(system, kind)
