@@ -16,7 +16,7 @@ from nhpocp.controls.control import Control
 from nhpocp.controls.fourier import Fourier
 from nhpocp.errors import InvalidProblemError
 from nhpocp.frozen import FixedDict, Frozen, fixed
-from nhpocp.objectives.registry import OBJECTIVES, available
+from nhpocp.objectives.registry import available
 from nhpocp.scales import Scales, natural_scales
 from nhpocp.state_space import Block, StateSpace
 from nhpocp.systems.margins import det
@@ -128,8 +128,6 @@ class PlanningProblem(Frozen):
                 f"{self.objective!r} is none of {', '.join(known)}, the objectives of {self.system.model}",
                 path="objective",
             )
-        if words := OBJECTIVES[self.objective].lacking_control(self.basis):
-            raise InvalidProblemError(words, path="objective")
         for name in ("error_length", "length_scale"):
             value = getattr(self, name)
             if value is not None and not (np.isfinite(value) and value > 0):

@@ -258,6 +258,12 @@ class ProblemData(Strict):
             raise ValueError(words)
         return value
 
+    @model_validator(mode="after")
+    def _control_has_the_cost(self) -> ProblemData:
+        if words := OBJECTIVES[self.objective].lacking_control(self.control.made()):
+            raise Refusal([Issue(("objective",), words)])
+        return self
+
     @field_validator("solvers")
     @classmethod
     def _solvers_fit(cls, value: Solvers, info: ValidationInfo) -> Solvers:

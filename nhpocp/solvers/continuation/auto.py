@@ -16,6 +16,7 @@ from nhpocp.deferred import Deferred
 from nhpocp.errors import OrientationAtPiError
 from nhpocp.flow.integrators import RungeKutta4
 from nhpocp.interruption import Interruption
+from nhpocp.objectives.registry import OBJECTIVES
 from nhpocp.problem import Horizon, PlanningProblem
 from nhpocp.solution import Outcome, Progress, Solution, telling
 from nhpocp.solvers.continuation.confirmation import begun_from, confirmed, end_of
@@ -163,6 +164,14 @@ class _Search:
         """
         if found.outcome is not Outcome.CONVERGED or (solver.objective == "none" and not self.problem.bounds):
             return found
+        objective = OBJECTIVES.get(solver.objective)
+        if objective and (words := objective.lacking_control(found.control.basis)):
+            found = replace(
+                found, message=f"{found.message}; not searched for less {objective.name}: {words}"
+            )
+            if not self.problem.bounds:
+                return found
+            solver = replace(solver, objective="none")
         second = self._solve(solver, begun_from(self.problem, found.control), found.updates)
         if second.outcome in (Outcome.CONVERGED, Outcome.CONSTRAINT_VIOLATED, Outcome.INTERRUPTED):
             return second
