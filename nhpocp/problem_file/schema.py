@@ -256,13 +256,10 @@ class ProblemData(Strict):
     def _objective_fits(cls, value: str, info: ValidationInfo) -> str:
         if info.context and (words := info.context.misfit(value, list(OBJECTIVES))):
             raise ValueError(words)
+        control = info.data.get("control")
+        if control and (words := OBJECTIVES[value].lacking_control(control.made())):
+            raise ValueError(words)
         return value
-
-    @model_validator(mode="after")
-    def _control_has_the_cost(self) -> ProblemData:
-        if words := OBJECTIVES[self.objective].lacking_control(self.control.made()):
-            raise Refusal([Issue(("objective",), words)])
-        return self
 
     @field_validator("solvers")
     @classmethod
