@@ -43,8 +43,8 @@ def _series(x: Array, coefficients: list[float]) -> Array:
     return value
 
 
-def _coefficients(w: Array) -> tuple[Array, Array, Array]:
-    """sin a / a, (1 - cos a) / a², (a - sin a) / a³ of the angle a = |w|."""
+def _coefficients(w: Array) -> tuple[Array, Array]:
+    """sin a / a and (1 - cos a) / a² of the angle a = |w|."""
     xp = namespace(w)
     squared = dot(w, w)
     near = squared < SERIES_BELOW
@@ -60,40 +60,14 @@ def _coefficients(w: Array) -> tuple[Array, Array, Array]:
     second = xp.where(
         near, _series(small, [(-1) ** k / factorial(2 * k + 2) for k in terms]), 0.5 * half * half
     )
-    third = xp.where(
-        near,
-        _series(small, [(-1) ** k / factorial(2 * k + 3) for k in terms]),
-        (angle - xp.sin(angle)) / (safe * angle),
-    )
-    return first, second, third
+    return first, second
 
 
 def exp(w: Array) -> Array:
     """The rotation by the vector w. [Rodrigues]"""
-    first, second, _ = _coefficients(w)
+    first, second = _coefficients(w)
     skew = hat(w)
     return namespace(w).eye(3) + first * skew + second * (skew @ skew)
-
-
-def left_jacobian(w: Array) -> Array:
-    """J_l(w), 3×3: d exp(w) = [J_l(w) dw] exp(w)."""
-    _, second, third = _coefficients(w)
-    skew = hat(w)
-    return namespace(w).eye(3) + second * skew + third * (skew @ skew)
-
-
-def left_jacobian_inverse(w: Array) -> Array:
-    """J_l(w)⁻¹, 3×3; regular for |w| < 2π."""
-    xp = namespace(w)
-    first, second, _ = _coefficients(w)
-    squared = dot(w, w)
-    near = squared < SERIES_BELOW
-    safe = xp.where(near, 1.0, squared)
-    small = xp.where(near, squared, 0.0)
-    bernoulli = [1 / 12, 1 / 720, 1 / 30240, 1 / 1209600, 1 / 47900160, 691 / 1307674368000, 1 / 74724249600]
-    quotient = xp.where(near, _series(small, bernoulli), (1 - first / (2 * second)) / safe)
-    skew = hat(w)
-    return xp.eye(3) - 0.5 * skew + quotient * (skew @ skew)
 
 
 def angle(rotation: Array) -> Array:
