@@ -8,17 +8,22 @@ from typing import Any
 import numpy as np
 
 from nhpocp.constraints.bound import Bound
-from nhpocp.constraints.kind import LegKind, opened
+from nhpocp.constraints.kind import ConstraintKind, opened
 from nhpocp.systems.system import System
 
 
-class Clearance(LegKind):
+class Clearance(ConstraintKind):
     """σ_min ≥ c of every regularity matrix, its rotation columns divided by length_scale."""
 
     key = "clearance"
     meaning = "least singular value of S and W, rotation columns divided by length_scale"
     shape = "number"
     example = 0.01
+
+    def lacking(self, system: System) -> str:
+        regular = type(system).regularity is System.regularity
+        words = f"the system {system.model} has no legs, or what else becomes singular; remove it"
+        return words if regular else ""
 
     def bounds(self, value: Any, system: System) -> list[Bound]:
         return [Bound(f"{self.key}.sigma_{name}", f"sigma_{name}", value) for name in _matrices(system)]

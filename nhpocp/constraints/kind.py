@@ -53,7 +53,9 @@ class LegKind(ConstraintKind):
     """A kind for machines with legs."""
 
     def lacking(self, system: System) -> str:
-        return "" if hasattr(system, "legs") else f"the system {system.model} has no legs; remove it"
+        known = system.known_outputs
+        legless = known is not None and "leg_lengths" not in known
+        return f"the system {system.model} has no legs; remove it" if legless else ""
 
 
 def sides(pair: Sequence[Any]) -> tuple[Any, Any]:
