@@ -146,5 +146,5 @@ def join(pieces: Sequence[Control]) -> Control:
 
 
 def retimed(control: Control, horizon: float) -> Control:
-    """The same motion of a driftless system in another time: u(t T/T') T/T' over [0, T']."""
+    """The control that makes the motion of a driftless system in another time: u(t T/T') T/T' over [0, T']."""
     return Control(control.basis, control.horizon / horizon * np.asarray(control.coefficients), horizon)
