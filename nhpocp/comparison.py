@@ -17,14 +17,13 @@ import numpy as np
 from nhpocp import planning
 from nhpocp.csv_table import write_table
 from nhpocp.errors import InvalidProblemError, NhpocpError
-from nhpocp.flow.simulation import simulate
-from nhpocp.interruption import Interruption
+from nhpocp.interruption import STOPPED, Interruption
 from nhpocp.objectives.registry import OBJECTIVES, costs_of_motion, exact_costs
 from nhpocp.problem import PlanningProblem
 from nhpocp.provenance import machine, peak_memory, reset_peak_memory
 from nhpocp.solution import Outcome, Progress, Solution, Solver, telling
-from nhpocp.solvers.nlp.guesses import starting_horizon
 from nhpocp.solvers.registry import SOLVERS
+from nhpocp.solvers.unsolved import unsolved
 
 SCHEMA_VERSION = 1
 VARIANTS = ("jacobian", "nlp")  # what is compared unless told
@@ -201,7 +200,7 @@ def compare(
             entries.append(Entry(solution, run.variant, folder))
             interruption.patient = False
     missing = [f"{run.problem.name} by {run.variant}" for run in runs[len(entries) :]]
-    notes += [f"Stopped by hand; not run: {', '.join(missing)}."] if missing else []
+    notes += [f"{STOPPED}; not run: {', '.join(missing)}."] if missing else []
     return Comparison(entries, notes)
 
 
@@ -244,24 +243,10 @@ def _reason(error: Exception) -> str:
 
 def _failure(run: Run, error: Exception, seconds: float) -> Solution:
     """A solution that says why there is none; its control stands still."""
-    problem = run.problem
     reason = _reason(error)
-    zeros = np.zeros((problem.system.input_space.size, problem.basis.size))
-    control = problem.control(zeros, starting_horizon(problem))
-    motion = simulate(problem, control)
-    return Solution(
-        problem=problem,
-        solver=run.solver.name,
-        settings=run.solver.settings(),
-        tolerance=run.solver.tolerance,
-        outcome=Outcome.SOLVER_ERROR,
-        message=reason if reason.endswith(".") else f"{reason}.",
-        final_error=math.nan,
-        control=control,
-        trajectory=motion.trajectory,
-        costs=motion.costs,
-        timing={"build_s": 0.0, "solve_s": seconds, "verify_s": 0.0, "total_s": seconds},
-    )
+    sentence = reason if reason.endswith(".") else f"{reason}."
+    solution = unsolved(run.problem, run.solver, Outcome.SOLVER_ERROR, sentence, solve_seconds=seconds)
+    return replace(solution, timing={**solution.timing, "verify_s": 0.0, "total_s": seconds})
 
 
 # --- the table ------------------------------------------------------------------------------------------------------

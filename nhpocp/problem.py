@@ -63,6 +63,15 @@ class Horizon:
         known = next(value for value in (self.initial, self.maximum, self.minimum) if value is not None)
         return self.minimum or INSTANT * known, self.maximum or np.inf
 
+    @property
+    def first(self) -> float:
+        """The duration to begin with: the one that is given, or the middle of a free one's range."""
+        if self.initial is not None:
+            return self.initial
+        if self.minimum is not None and self.maximum is not None:
+            return 0.5 * (self.minimum + self.maximum)
+        return self.minimum or self.maximum or 1.0
+
     def kept(self, duration: float) -> float:
         """The nearest duration that is allowed: an optimizer meets bounds up to its tolerance."""
         return float(np.clip(duration, *self.range))

@@ -185,6 +185,11 @@ class AlikeTasks:
         single = (angles[: len(places)] <= np.pi - HALF_TURN_WITHIN).all(axis=1)
         return found[: len(places)], single
 
+    def errors(self, places: Array, points: Array) -> Array:
+        """E of the tasks at these places, each at its point (k, n); infinite where it has none."""
+        differences, single = self.differences(places, points)
+        return np.where(single, np.linalg.norm(self.first.weights * differences, axis=1), np.inf)
+
 
 def total_error(tasks: Iterable[Task], points: Iterable[Array]) -> float:
     """E over several tasks, each at the point that is to meet it."""

@@ -50,8 +50,8 @@ class QuadratureMap:
 
     def __call__(self, coefficients: Array) -> tuple[float, Array]:
         """(cost, gradient (inputs · size,))."""
-        flowed = self._flow.sensitivity(self._start, coefficients)
-        return float(flowed.path[-1, -1]), flowed.derivatives[-1, -1]
+        path, derivatives, _ = self._flow.sensitivity(self._start, coefficients)
+        return float(path[-1, -1]), derivatives[-1, -1]
 
 
 @kept(most=32)

@@ -12,7 +12,8 @@ from nhpocp.arrays import Array
 from nhpocp.controls.control import Control
 from nhpocp.deferred import Deferred
 from nhpocp.flow.dynamics import Dynamics
-from nhpocp.flow.integrators import RungeKutta4, enough_steps, uniform_grid
+from nhpocp.flow.integrators import RungeKutta4, uniform_grid
+from nhpocp.flow.step_error import enough_steps
 from nhpocp.objectives.objective import PathObjective
 from nhpocp.objectives.registry import available, exact_costs
 from nhpocp.problem import PlanningProblem

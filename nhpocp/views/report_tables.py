@@ -123,7 +123,7 @@ def _certificate(entry: Entry) -> dict[str, Markup]:
         "feasibility, max violation of g": residuals.get("feasibility"),
         "complementarity, max |λ · slack|": residuals.get("complementarity"),
         "intervals × integration steps in each": f"{chosen.get('intervals', words.MISSING)} × {steps}",
-        "end point: these steps against 8 times as many": details.get("resimulated_gap"),
+        "end point: these steps against finer ones": details.get("resimulated_gap"),
         "defect of the first guess": details.get("guess_defect"),
         "constraints tightened between the nodes": ", ".join(details.get("tightened", [])) or "none",
         "starts": f"best of {len(starts)}" if starts else "one",

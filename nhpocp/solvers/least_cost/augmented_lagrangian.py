@@ -14,6 +14,7 @@ from typing import Protocol
 import numpy as np
 
 from nhpocp.arrays import Array
+from nhpocp.solvers.budget import Budget
 from nhpocp.solvers.least_cost.curvature import Curvature
 from nhpocp.solvers.least_cost.null_space import Constraint, Cost, NullSpaceResult, Penalty, minimise
 
@@ -66,6 +67,7 @@ def rounds(
     goal: float,
     curvature: float = 2.0,
     hessian: Curvature | None = None,
+    budget: Budget | None = None,
 ) -> Iterator[Round]:
     """One result after another, each nearer to the least cost with every g ≥ -slack.
 
@@ -87,6 +89,7 @@ def rounds(
             tolerance=tolerance,
             goal=goal,
             most=STEPS,
+            budget=budget,
         )
         y, hessian = found.y, found.hessian
         between = rows.between(y)

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -16,9 +15,10 @@ from nhpocp.objectives.registry import OBJECTIVES
 from nhpocp.problem import PlanningProblem
 from nhpocp.provenance import afford
 from nhpocp.solution import Outcome
+from nhpocp.solvers.budget import Budget
 from nhpocp.solvers.least_cost.augmented_lagrangian import rounds
 from nhpocp.solvers.least_cost.curvature import MOST, Curvature
-from nhpocp.solvers.least_cost.null_space import Cost, LimitReached, NoSurfaceError, NullSpaceResult, minimise
+from nhpocp.solvers.least_cost.null_space import Cost, NoSurfaceError, NullSpaceResult, minimise
 from nhpocp.solvers.least_cost.path_rows import FINE_STEPS, FORGIVEN, INSIDE, PathRows, worst
 from nhpocp.solvers.metrics import Coordinates, WeightedMetric
 
@@ -37,7 +37,15 @@ class Residual:
     path: Array
 
 
-Try = Callable[[Array], Residual | None]  # Λ ↦ where it leads; None where no path of use leads
+class ResidualEvaluator(Protocol):
+    """Where controls lead, as long as the budget lasts."""
+
+    times: Array  # the grid of the paths
+    budget: Budget
+
+    def __call__(self, coefficients: Array) -> Residual | None:
+        """What Λ (inputs × size) makes of the goal; None where no path of use leads, or the budget is spent."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -45,6 +53,7 @@ class LeastCostResult:
     """The control that the search ends with, and what is to be said of it."""
 
     coefficients: Array
+    moved: bool  # away from the control that the search began with
     outcome: Outcome
     sentence: str
     details: dict[str, Any]
@@ -64,10 +73,10 @@ class _Best:
         return self.violation <= HELD
 
     def offer(self, found: NullSpaceResult, violation: float) -> None:
-        other = _Best(found.y, found.cost, violation, found)
-        better = other.cost <= self.cost if self.held and other.held else violation <= self.violation
+        both_hold = self.held and violation <= HELD
+        better = found.cost <= self.cost if both_hold else violation <= self.violation
         if better:
-            self.__dict__.update(other.__dict__)
+            self.y, self.cost, self.violation, self.found = found.y, found.cost, violation, found
 
 
 @dataclass
@@ -81,13 +90,14 @@ class LeastCost:
     problem: PlanningProblem
     horizon: float
     integrator: Integrator
-    times: Array
     objective: str
     tolerance: float  # of the goal
-    attempt: Try
+    evaluator: ResidualEvaluator
     reached: Array  # coefficients, inputs × size
     history: list[dict[str, Any]] = field(default_factory=list)
-    rounds: list[dict[str, Any]] = field(default_factory=list)
+    weights: list[dict[str, Any]] = field(
+        default_factory=list
+    )  # of the augmented Lagrangian, round after round
 
     def __post_init__(self) -> None:
         problem, horizon = self.problem, self.horizon
@@ -97,7 +107,7 @@ class LeastCost:
             afford(SEEN * size * min(size, MOST), search)
         if problem.bounds:
             afford(DENSE * size**2, search)
-            rows = len(self.times) + FINE_STEPS
+            rows = len(self.evaluator.times) + FINE_STEPS
             afford(DENSE * rows * size, f"the bounds at {rows} times by {size} coefficients")
         basis, scales = problem.basis, problem.scales
         # in which the effort is |y|² in units of its scale, and each input counts by its own size where these differ
@@ -105,7 +115,7 @@ class LeastCost:
         self._coordinates = Coordinates.natural(metric, basis, scales.inputs, horizon)
         self._first = self._coordinates.of(self.reached.ravel())
         self._last: tuple[Array, Array] | None = None  # y and the path of the latest attempt
-        self._path_rows = PathRows(problem, basis, horizon, self.times) if problem.bounds else None
+        self._path_rows = PathRows(problem, basis, horizon, self.evaluator.times) if problem.bounds else None
         self._goal = min(1e-7, 1e-3 * self.tolerance)
         self._aimless = self.objective == "none"
         name = "effort" if self._aimless else self.objective
@@ -121,10 +131,10 @@ class LeastCost:
         try:
             if not (self._aimless and self._bounded(best, self._distance, self._first)):
                 self._search(best)
-        except LimitReached:
-            end = "max_iterations ended the search"
         except NoSurfaceError:
             end = "the null space could not be searched: Newton's method from there does not come nearer to the goal"
+            if self.evaluator.budget.refused:
+                end = "max_iterations ended the search"
         except np.linalg.LinAlgError as error:
             end = f"the null space could not be searched: {error}"
         return self._improved(best, end)
@@ -135,7 +145,10 @@ class LeastCost:
         From the free optimum the way in led to a cost as low or lower in each of 14 cases, and twice much lower.
         """
         curvature = self._curvature(self._cost, self._first)
-        free = minimise(self._constraint, self._cost, self._first, curvature=curvature, goal=self._goal)
+        budget = self.evaluator.budget
+        free = minimise(
+            self._constraint, self._cost, self._first, curvature=curvature, goal=self._goal, budget=budget
+        )
         self._remember(free)
         violation = self._violation(free.y)
         best.offer(free, violation)
@@ -155,12 +168,13 @@ class LeastCost:
             goal=self._goal,
             curvature=self._curvature(cost, y),
             hessian=hessian,
+            budget=self.evaluator.budget,
         )
         violation = np.inf
         for round_ in searched:
             found, violation = round_.found, max(0.0, -round_.least - INSIDE)
             self._remember(found)
-            self.rounds.append(
+            self.weights.append(
                 {
                     "weight": round_.weight,
                     "violation": violation if np.isfinite(violation) else None,
@@ -183,7 +197,7 @@ class LeastCost:
         return self._coordinates.coefficients(y).reshape(self.reached.shape)
 
     def _constraint(self, y: Array) -> tuple[Array, Array] | None:
-        tried = self.attempt(self._coefficients(y))
+        tried = self.evaluator(self._coefficients(y))
         if tried is None:
             return None
         self._last = y, tried.path
@@ -247,7 +261,7 @@ class LeastCost:
             details["optimality"] = {"stationarity": found.optimality, "feasibility": found.infeasibility}
         outcome = Outcome.CONVERGED
         if self._path_rows:
-            details["constraints"] = {"rounds": self.rounds, "violation": best.violation}
+            details["constraints"] = {"rounds": self.weights, "violation": best.violation}
             parts.append("every bound holds")
             if not best.violation <= FORGIVEN:  # verification would refuse it
                 outcome = Outcome.CONSTRAINT_VIOLATED
@@ -256,4 +270,6 @@ class LeastCost:
                     f"no control near it over this basis was found that keeps every bound: {report.describe()}; "
                     "more harmonics may find one"
                 )
-        return LeastCostResult(coefficients, outcome, "; ".join([*parts, end] if end else parts), details)
+        return LeastCostResult(
+            coefficients, found is not None, outcome, "; ".join([*parts, end] if end else parts), details
+        )

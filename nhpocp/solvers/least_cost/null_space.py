@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from typing import Any, NamedTuple
@@ -11,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from nhpocp.arrays import Array, norm
+from nhpocp.solvers.budget import Budget
 from nhpocp.solvers.least_cost.curvature import Curvature
 
 Constraint = Callable[[Array], tuple[Array, Array] | None]  # y ↦ (e, J), None where the path cannot be used
@@ -57,10 +57,6 @@ class NullSpaceResult:
     rows: Array = field(repr=False)  # g there; empty without a penalty
 
 
-class LimitReached(Exception):
-    """More evaluations were asked for than allowed."""
-
-
 class NoSurfaceError(ValueError):
     """No usable control that reaches the goal near the one that the search was to begin with."""
 
@@ -76,6 +72,7 @@ def minimise(
     tolerance: float = 1e-8,
     goal: float = 1e-9,
     most: int = 400,
+    budget: Budget | None = None,
 ) -> NullSpaceResult:
     r"""min f(y) [+ penalty] subject to e(y) = 0 from a point near e = 0, along the surface e = 0.
 
@@ -87,8 +84,10 @@ def minimise(
     The model begins with ``curvature`` I, or with the ``hessian`` of an earlier search: where y are coordinates in
     which the effort is |y|², 2 I is exact for it. ``tolerance`` is on the projected gradient relative to |∇f|,
     ``goal`` on |e|.
+    Where the ``budget`` refuses ``constraint`` another evaluation, the search ends with what it has.
     Errors: `NoSurfaceError`.
     """
+    budget = budget or Budget()
     search = _Search(constraint, cost, penalty, goal)
     point = search.restored(y, far=np.inf)
     if point is None:
@@ -104,13 +103,12 @@ def minimise(
         history.append({"k": k, "cost": point.f, "optimality": float(norm(point.residual))})
         step = point.step(model)
         slope = max(1.0, float(norm(point.gradient)))
-        try:
-            if history[-1]["optimality"] < tolerance * slope or step.promised <= NOTHING * abs(point.merit):
-                search.settle(point)
-                return search.result(True, history, model)
-            there = search.along(point, step)
-            back = None if there else search.back(point)
-        except LimitReached:  # what was found so far is kept
+        if history[-1]["optimality"] < tolerance * slope or step.promised <= NOTHING * abs(point.merit):
+            search.settle(point)
+            return search.result(not budget.refused, history, model)
+        there = search.along(point, step)
+        back = None if there else search.back(point)
+        if budget.refused:  # what was found so far is kept
             return search.result(False, history, model)
         if there is None:
             if back is None and fresh:
@@ -125,8 +123,7 @@ def minimise(
         point = there
         if idle == PATIENCE:  # held by the controls that may not be used
             break
-    with suppress(LimitReached):
-        search.settle(point)
+    search.settle(point)
     return search.result(False, history, model)
 
 

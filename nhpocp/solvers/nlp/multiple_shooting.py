@@ -36,7 +36,7 @@ class MultipleShooting:
     """Solver: minimises the problem's objective subject to the dynamics, the goal and every bound.
 
     ``over_basis``: the control over the problem's basis, else piecewise constant on ``intervals``.
-    ``steps_per_interval``: RK4 steps in each interval; None refines them until a simulation with eight times as
+    ``steps_per_interval``: RK4 steps in each interval; None refines them until a simulation with four times as
     many steps ends within a tenth of the tolerance. Bounds that are broken between the nodes are tightened there by as
     much, and the problem is solved again. ``starts``: the first is ``guess``, the others seeded; the least objective
     of those that end well is kept. ``mesh_check``: solve again with twice as many intervals and say what that changes.

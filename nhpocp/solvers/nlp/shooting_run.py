@@ -14,22 +14,22 @@ from nhpocp.controls.control import Control
 from nhpocp.deferred import Deferred
 from nhpocp.flow.compiled.kernels import Interpreted, Kernels
 from nhpocp.flow.simulation import Motion, simulate
+from nhpocp.flow.step_error import ALLOWED, FINER
 from nhpocp.interruption import Interruption
 from nhpocp.objectives.registry import OBJECTIVES
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Outcome, Progress, Solution
-from nhpocp.solvers.nlp.guesses import GuessMaker, NoGuessError, make_guess, meets, starting_horizon
+from nhpocp.solvers.nlp.guesses import GuessMaker, NoGuessError, make_guess, meets
 from nhpocp.solvers.nlp.kkt_residuals import kkt_residuals
 from nhpocp.solvers.nlp.optimizers import Look, Optimizer, Optimum, failed
 from nhpocp.solvers.nlp.transcription import Guess, Transcription
+from nhpocp.solvers.unsolved import unsolved
 from nhpocp.systems.numeric import numeric_system
 from nhpocp.task import total_error
 
 SLIGHT = 1e-6  # what a row, in its own unit, may be broken by and still be said to hold
 AT_LIMIT = 1e-3  # of its size: nearer, a row is at its limit
 MOST_STEPS = 16  # per interval
-RESIMULATION_SHARE = 0.1  # of the tolerance: the integration error that a plan may carry
-FINER = 8  # times the NLP's own steps, for the re-simulation
 TIGHTENINGS = 4
 FURTHER = 1.5  # times what breaks a bound between the nodes is what it is moved by
 BETWEEN_NODES = (
@@ -112,7 +112,7 @@ class Run:
                     f"the guess is where the {guess.origin.solver} solver ended as {guess.origin.outcome.value}: "
                     + guess.origin.message
                 )
-        steps = self.solver.steps_per_interval or self._enough_steps(guess.control)
+        steps = self.solver.steps_per_interval or self._steps_for(guess.control)
         programme, optimum = self._refine(*self._harden(*self._optimise(guess, steps, None)))
         plan = programme.unpack(optimum.x)
         motion = simulate(self.problem, plan.control)
@@ -187,13 +187,10 @@ class Run:
         left = limit - k if limit else None
         return {"tolerance": self.solver.tolerance, "phase": phase, "at_most": left, "expected": None}
 
-    def _enough_steps(self, control: Control) -> int:
+    def _steps_for(self, control: Control) -> int:
         """The least number of RK4 steps per interval that integrates the guess well enough."""
         steps = 1
-        while (
-            steps < MOST_STEPS
-            and self._resimulation_gap(control, steps) > RESIMULATION_SHARE * self.solver.tolerance
-        ):
+        while steps < MOST_STEPS and self._resimulation_gap(control, steps) > ALLOWED * self.solver.tolerance:
             steps *= 2
         return steps
 
@@ -202,7 +199,7 @@ class Run:
         return meets(self.problem, control, self.solver.intervals, steps)
 
     def _resimulation_gap(self, control: Control, steps: int) -> float:
-        """Distance at the end and the via poses with ``steps`` and with ``FINER`` times as many steps per interval."""
+        """Distance at the end and the via poses with ``steps`` and with `FINER` times as many steps per interval."""
         coarse, fine = (self._meets(control, n) for n in (steps, FINER * steps))
         if not (np.isfinite(coarse).all() and np.isfinite(fine).all()):
             return np.inf
@@ -230,7 +227,7 @@ class Run:
             plan = programme.unpack(optimum.x)
             gap = self._resimulation_gap(plan.control, programme.steps)
             self.details["resimulated_gap"] = gap
-            if gap <= RESIMULATION_SHARE * self.solver.tolerance or programme.steps >= MOST_STEPS:
+            if gap <= ALLOWED * self.solver.tolerance or programme.steps >= MOST_STEPS:
                 break
             programme, optimum = self._optimise(plan, 2 * programme.steps, (programme, optimum))
         return programme, optimum
@@ -391,23 +388,8 @@ class Run:
 
     def _without_optimum(self, error: NoGuessError, seconds: float) -> Solution:
         """There was no guess to start from."""
-        zeros = np.zeros((self.problem.system.input_space.size, self.problem.basis.size))
-        control = Control(self.problem.basis, zeros, starting_horizon(self.problem))
-        motion = simulate(self.problem, control)
-        return Solution(
-            problem=self.problem,
-            solver=self.solver.name,
-            settings=self.solver.settings(),
-            tolerance=self.solver.tolerance,
-            outcome=error.outcome,
-            message=f"No guess to start from: {error.message}.",
-            final_error=float("nan"),
-            control=control,
-            trajectory=motion.trajectory,
-            costs=motion.costs,
-            objective=self.problem.objective,
-            timing={"build_s": seconds, "solve_s": 0.0},
-        )
+        sentence = f"No guess to start from: {error.message}."
+        return unsolved(self.problem, self.solver, error.outcome, sentence, build_seconds=seconds)
 
 
 def carried(before: Transcription, optimum: Optimum, after: Transcription) -> Array:
