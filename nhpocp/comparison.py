@@ -18,13 +18,15 @@ from nhpocp import planning
 from nhpocp.csv_table import write_table
 from nhpocp.errors import InvalidProblemError, NhpocpError
 from nhpocp.interruption import STOPPED, Interruption
+from nhpocp.objectives.registry import OBJECTIVES, costs_of_motion, exact_costs
 from nhpocp.problem import PlanningProblem
 from nhpocp.provenance import machine, peak_memory, reset_peak_memory
 from nhpocp.solution import Outcome, Progress, Solution, Solver, telling
+from nhpocp.solvers.registry import SOLVERS
 from nhpocp.solvers.unsolved import unsolved
 
 SCHEMA_VERSION = 1
-VARIANTS = ("jacobian", "nlp")
+VARIANTS = ("jacobian", "nlp")  # what is compared unless told
 # what a solver can stumble over that is no mistake of ours: its message is enough
 FAILURES = (NhpocpError, RuntimeError, ArithmeticError, np.linalg.LinAlgError, MemoryError)
 
@@ -72,11 +74,9 @@ class Entry:
     def objective_value(self) -> float:
         """What the problem's own objective says of the motion, whatever the solver minimised; NaN where unknown."""
         solution = self.solution
-        if solution.problem.objective == "time":
-            return solution.control.horizon
-        if solution.problem.objective == "effort":
-            return solution.control.effort
-        return float(solution.costs.get(solution.problem.objective, math.nan))
+        name = solution.problem.objective
+        exact = OBJECTIVES[name].of_control(solution.control)
+        return float(solution.costs.get(name, math.nan)) if exact is None else exact
 
     @property
     def machine(self) -> Mapping[str, Any]:
@@ -208,17 +208,12 @@ def _own(problem: PlanningProblem, name: str) -> Run:
     """A problem with its own solver of that name, or the method's defaults."""
     if name in problem.solvers:
         return Run(problem, problem.solvers[name], name)
-    if name == "jacobian":
-        from nhpocp.solvers.continuation.continuation import Continuation
-
-        return Run(problem, Continuation(), name)
-    if name == "nlp":
-        from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting
-
-        return Run(problem, MultipleShooting(), name)
-    raise InvalidProblemError(
-        f"unknown variant {name!r}; expected jacobian or nlp, or a `Run` with a solver of its own"
-    )
+    if name not in SOLVERS:
+        known = " or ".join(SOLVERS)
+        raise InvalidProblemError(
+            f"unknown variant {name!r}; expected {known}, or a `Run` with a solver of its own"
+        )
+    return Run(problem, SOLVERS[name]().solver(None, {}), name)
 
 
 def _solved(run: Run, progress: Progress | None) -> Solution:
@@ -260,7 +255,7 @@ def _failure(run: Run, error: Exception, seconds: float) -> Solution:
 def _row(entry: Entry, best: float | None) -> dict[str, Any]:
     solution, verdict = entry.solution, entry.solution.verdict
     timing = solution.timing
-    motion = _motion(entry) if entry.tried else dict.fromkeys(MOTION)
+    motion = _motion(entry) if entry.tried else dict.fromkeys(costs_of_motion())
     value = entry.objective_value
     comparable = solution.converged and best is not None and best > 0
     row = {
@@ -289,13 +284,12 @@ def _row(entry: Entry, best: float | None) -> dict[str, Any]:
     return {key: _finite(item) for key, item in row.items()}
 
 
-MOTION = ("effort", "leg_effort", "path_length")
 EXTREMES = ("least_sigma_s", "least_sigma_w", "leg_length_min", "leg_length_max", "peak_leg_speed")
 
 
 def _motion(entry: Entry) -> dict[str, float | None]:
     costs = entry.solution.costs
-    return {**{name: costs.get(name) for name in MOTION}, "effort": entry.solution.control.effort}
+    return {name: costs.get(name) for name in costs_of_motion()} | exact_costs(entry.solution.control)
 
 
 def _extremes(entry: Entry) -> dict[str, float | None]:

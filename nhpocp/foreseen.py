@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from nhpocp.arrays import Array
-from nhpocp.constraints import Bound, BoundReport, check_bounds
+from nhpocp.constraints.bound import Bound, BoundReport, check_bounds
+from nhpocp.objectives.registry import OBJECTIVES
 from nhpocp.problem import PlanningProblem
 from nhpocp.systems.margins import margin
 
@@ -101,9 +102,9 @@ def endless(problem: PlanningProblem) -> str:
 
     A driftless motion may be run slower, for less effort, as long as no bound asks for a pace.
     """
-    horizon, costs = problem.horizon, ("effort", "leg_effort")
+    horizon = problem.horizon
     free = horizon.free and horizon.maximum is None and problem.system.driftless
-    if not free or problem.objective not in costs:
+    if not free or OBJECTIVES[problem.objective].pace >= 0:
         return ""
     if all(task.error(problem.start_point) == 0 for task in problem.tasks):
         return ""  # to stay costs nothing

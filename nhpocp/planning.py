@@ -10,10 +10,12 @@ import numpy as np
 
 from nhpocp.arrays import Array
 from nhpocp.deferred import at_hand
+from nhpocp.errors import InvalidProblemError
 from nhpocp.flow.simulation import simulate
 from nhpocp.foreseen import broken_poses, contradiction, endless
 from nhpocp.interruption import STOPPED, Interruption
 from nhpocp.kept import let_go
+from nhpocp.objectives.registry import OBJECTIVES
 from nhpocp.problem import PlanningProblem
 from nhpocp.scales import coarse
 from nhpocp.solution import Outcome, Progress, Solution, Solver
@@ -34,6 +36,8 @@ def solve(
     of the Solution.
     """
     solver = solver or default_solver(problem)
+    if words := OBJECTIVES[problem.objective].lacking_control(problem.basis):
+        raise InvalidProblemError(words, path="objective")
     with Interruption() as interruption:
         try:
             solution = refused(problem, solver) or _in_short(solver.solve(problem, progress))

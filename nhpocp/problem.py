@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numpy as np
 
 from nhpocp.arrays import Array
-from nhpocp.constraints import Bound
+from nhpocp.constraints.bound import Bound
 from nhpocp.controls.basis import ControlBasis
 from nhpocp.controls.control import Control
 from nhpocp.controls.fourier import Fourier
 from nhpocp.errors import InvalidProblemError, describe, refuse
 from nhpocp.frozen import Frozen, fixed
-from nhpocp.objectives import available
+from nhpocp.objectives.registry import available
 from nhpocp.poses import checked_goal, checked_start, goal_blocks
 from nhpocp.scales import Scales, natural_scales
 from nhpocp.state_space import Block
@@ -140,7 +140,7 @@ class PlanningProblem(Frozen):
         self.via = self._checked_via(wrong)
         if self.initial is not None:
             self.initial = self._checked_initial(wrong)
-        if self.objective not in (known := [*available(self.system), "time"]):
+        if self.objective not in (known := [objective.name for objective in available(self.system)]):
             words = f"{self.objective!r} is none of {', '.join(known)}, the objectives of {self.system.model}"
             wrong.append(InvalidProblemError(words, path="objective"))
         for name in ("error_length", "length_scale"):

@@ -63,17 +63,6 @@ class Scales:
 
         return np.array([self.of(b.unit) for b in self.system.state_space.blocks for _ in range(b.size)])
 
-    def objective(self, name: str) -> float:
-        """Of one of `INTEGRANDS`, integrated over the motion, or of the time."""
-        if name == "time":
-            return self.time
-        if name == "effort":
-            return float(self.time * max(self.inputs, default=0.0) ** 2) or 1.0
-        if name == "leg_effort":
-            return self.length**2 / self.time
-        units = {block.unit for block in self.system.state_space.blocks}
-        return max(self.radius if unit == "angle" else self.of(unit) for unit in units)
-
 
 def natural_scales(
     system: System,

@@ -11,7 +11,7 @@ import numpy as np
 
 from nhpocp import so3
 from nhpocp.arrays import Array
-from nhpocp.constraints import BoundReport
+from nhpocp.constraints.bound import BoundReport
 from nhpocp.controls.control import Control
 from nhpocp.deferred import extended
 from nhpocp.problem import PlanningProblem

@@ -144,16 +144,6 @@ def test_one_sided_derivatives_at_a_breakpoint(basis, horizon):
 
 
 @every_basis
-@LAW
-@given(horizon=horizons, share=st.floats(0, 1))
-def test_integral_is_that_of_the_table(basis, horizon, share):
-    times, weights = pieces(basis, horizon, 0.0, share * horizon)
-    expected = weights @ basis.table(times, horizon)
-    found = basis.integral_table(np.array([share * horizon]), horizon)[0]
-    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12 * horizon)
-
-
-@every_basis
 def test_values_are_the_table_for_numbers_and_symbols(basis):
     times = np.array([apart_from_breakpoints(basis, share, 2.5) for share in np.linspace(0, 1, 23)])
     table = basis.table(times, 2.5)

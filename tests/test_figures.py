@@ -17,7 +17,7 @@ from scipy.integrate import solve_ivp
 
 from nhpocp import so3
 from nhpocp.comparison import Entry
-from nhpocp.constraints import Bound, check_bounds
+from nhpocp.constraints.bound import Bound, check_bounds
 from nhpocp.controls.control import Control
 from nhpocp.controls.fourier import Fourier
 from nhpocp.problem import PlanningProblem, Via

@@ -16,7 +16,7 @@ from conftest import Integrators, paper_problem
 
 from nhpocp import provenance
 from nhpocp.batch import plan_many
-from nhpocp.constraints import Bound
+from nhpocp.constraints.bound import Bound
 from nhpocp.controls.fourier import Fourier
 from nhpocp.controls.piecewise_constant import PiecewiseConstant
 from nhpocp.errors import MissingDependencyError

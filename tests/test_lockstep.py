@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 import nhpocp
-from nhpocp.constraints import Bound
+from nhpocp.constraints.bound import Bound
 from nhpocp.flow.end_point_map import flow_through
 from nhpocp.flow.integrators import RungeKutta4
 from nhpocp.solution import Outcome

@@ -8,7 +8,7 @@ import pytest
 from conftest import paper_problem, yaw
 
 from nhpocp import planning, so3
-from nhpocp.constraints import Bound
+from nhpocp.constraints.bound import Bound
 from nhpocp.flow.dynamics import Dynamics
 from nhpocp.flow.integrators import RungeKutta4
 from nhpocp.problem import Horizon

@@ -17,7 +17,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nhpocp import so3
-from nhpocp.constraints import Bound, check_bounds
+from nhpocp.constraints.bound import Bound, check_bounds
 from nhpocp.controls.fourier import Fourier
 from nhpocp.errors import InvalidProblemError
 from nhpocp.flow.integrators import Cvodes
@@ -369,9 +369,8 @@ def test_byte_order_mark_and_crlf_do_no_harm(tmp_path) -> None:
 
 def test_checking_imports_nothing_heavy() -> None:
     code = (
-        "import sys; from nhpocp.problem_file import systems, starter, json_schema; "
-        "systems(); starter(); json_schema(); assert 'numpy' not in sys.modules; "
-        f"from nhpocp.problem_file import read; read({str(PAPER)!r}, ['horizon=2']).filled(); "
+        "import sys; from nhpocp.problem_file import read, systems, starter, json_schema; "
+        f"read({str(PAPER)!r}, ['horizon=2']).filled(); systems(); starter(); json_schema(); "
         "print([m for m in ('casadi', 'scipy', 'matplotlib') if m in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, check=True)

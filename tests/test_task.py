@@ -8,7 +8,7 @@ import pytest
 from conftest import paper_problem, yaw
 
 from nhpocp import planning, so3
-from nhpocp.constraints import Bound
+from nhpocp.constraints.bound import Bound
 from nhpocp.errors import InvalidProblemError, OrientationAtPiError
 from nhpocp.problem import Via
 from nhpocp.problem_file import dump_problem, parse_problem, read_text, systems

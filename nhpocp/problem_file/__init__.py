@@ -6,7 +6,6 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from nhpocp.problem_file.building import build_basis as build_basis
     from nhpocp.problem_file.building import build_solver as build_solver
     from nhpocp.problem_file.building import control_from_json as control_from_json
     from nhpocp.problem_file.dumping import dump_problem as dump_problem
@@ -24,7 +23,6 @@ if TYPE_CHECKING:
 _HOMES = {
     "ProblemFile": "reading",
     "build": "reading",
-    "build_basis": "building",
     "build_solver": "building",
     "control_from_json": "building",
     "dump_problem": "dumping",

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-from pydantic import BeforeValidator, Discriminator, Field, Tag
+from pydantic import BeforeValidator, Discriminator, Field, Tag, create_model
 
+from nhpocp.constraints.kind import Shape
+from nhpocp.constraints.registry import KINDS
 from nhpocp.errors import describe
 from nhpocp.problem_file.numbers import NUMBER_SCHEMA, Checked, NotNegative, parse_number
 from nhpocp.problem_file.states import Strict
@@ -58,17 +60,25 @@ StateBound = Annotated[
 ]
 
 
+_SHAPES: dict[Shape, Any] = {
+    "number": NotNegative,
+    "pair": Pair,
+    "number or pairs": ControlBound,
+    "pairs by name": dict[str, StateBound],
+}
+
+
 class Constraints(Strict):
     """Bounds along the path; null as one side of a pair leaves that side open."""
 
-    leg_length: Pair | None = Field(default=None, description="[shortest, longest] leg")
-    leg_speed: NotNegative | None = Field(default=None, description="greatest |u_i|")
-    control: ControlBound | None = Field(
-        default=None, description="greatest |control|, or one [lo, hi] per input"
-    )
-    clearance: NotNegative | None = Field(
-        default=None, description="least singular value of S and W, rotation columns divided by length_scale"
-    )
-    state: dict[str, StateBound] | None = Field(
-        default=None, description="[lo, hi], or [[lo, …], [hi, …]], by the name of a state block or an output"
-    )
+    def given(self) -> dict[str, Any]:
+        """What is bounded, by the keys of the block."""
+        return {key: value for key in KINDS if (value := getattr(self, key)) is not None}
+
+
+_FIELDS: dict[str, Any] = {
+    key: (_SHAPES[kind.shape] | None, Field(default=None, description=kind.meaning))
+    for key, kind in KINDS.items()
+}
+if not TYPE_CHECKING:
+    Constraints = create_model("Constraints", __base__=Constraints, __doc__=Constraints.__doc__, **_FIELDS)

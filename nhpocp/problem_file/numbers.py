@@ -9,6 +9,7 @@ from typing import Annotated, Any
 
 from pydantic_core import CoreSchema, core_schema
 
+from nhpocp.declared import LARGEST_COUNT
 from nhpocp.errors import describe
 
 _DECIMAL = r"(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)"
@@ -16,8 +17,6 @@ _PI = re.compile(rf"(?P<sign>-)?(?:(?P<factor>{_DECIMAL})\*)?pi(?:/(?P<divisor>{
 _DEGREES = re.compile(rf"(?P<degrees>[-+]?{_DECIMAL}(?:[eE][-+]?[0-9]+)?) +deg")
 _PATTERN = rf"^(-?({_DECIMAL}\*)?pi(/{_DECIMAL})?|[-+]?{_DECIMAL}([eE][-+]?[0-9]+)? +deg)$"
 
-LARGEST_COUNT = 100_000  # intervals, steps
-LARGEST_DEGREE = 1000  # harmonics
 PLAUSIBLE = 1e-50, 1e50  # a unit's size: its squares and their products are still numbers
 
 
@@ -36,6 +35,16 @@ class Checked:
 
     def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: Any) -> dict[str, Any]:
         return dict(self.schema)
+
+
+class Choice:
+    """Annotation of a field: one of these names, those of a `Family` say."""
+
+    def __init__(self, *names: str) -> None:
+        self.names = names
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> CoreSchema:
+        return core_schema.literal_schema(list(self.names))
 
 
 def parse_number(value: Any) -> float:
@@ -104,7 +113,7 @@ def _limited(holds: Callable[[float], bool], fault: str, **limits: float) -> Che
     return Checked(validate, {**NUMBER_SCHEMA, **limits})
 
 
-def _whole(least: int, most: int | None) -> Checked:
+def checked_whole(least: int, most: int | None) -> Checked:
     """Whole numbers between two limits."""
     span = f"from {least} to {most}" if most is not None else f">= {least}"
 
@@ -134,7 +143,7 @@ def _word_or(word: str, number: Checked, what: str) -> Checked:
 
 
 _NOT_NEGATIVE = _limited(lambda x: x >= 0, "is negative; expected a number >= 0", minimum=0)
-_COUNT = _whole(1, LARGEST_COUNT)
+_COUNT = checked_whole(1, LARGEST_COUNT)
 
 Number = Annotated[float, Checked(parse_number, NUMBER_SCHEMA)]
 Positive = Annotated[
@@ -159,9 +168,8 @@ Share = Annotated[
         exclusiveMaximum=1,
     ),
 ]
-Whole = Annotated[int, _whole(0, None)]
+Whole = Annotated[int, checked_whole(0, None)]
 Count = Annotated[int, _COUNT]
 AutoOrCount = Annotated[int | str, _word_or("auto", _COUNT, "a whole number")]
 Length = Annotated[float | str, _word_or("fixed", _NOT_NEGATIVE, "a length >= 0")]  # of a robot's leg
-Degree = Annotated[int, _whole(0, LARGEST_DEGREE)]
-Samples = Annotated[int, _whole(2, 1_000_000)]
+Samples = Annotated[int, checked_whole(2, 1_000_000)]

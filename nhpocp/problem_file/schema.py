@@ -2,16 +2,28 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
-from pydantic import BeforeValidator, ConfigDict, Discriminator, Field, StrictBool, Tag
+from pydantic import BeforeValidator, ConfigDict, Discriminator, Field, StrictBool, Tag, create_model
 
 from nhpocp.errors import describe
+from nhpocp.objectives.registry import OBJECTIVES, costs_of_motion
 from nhpocp.problem_file.constraints import Constraints
-from nhpocp.problem_file.control import ControlData, FourierControl
-from nhpocp.problem_file.numbers import Checked, Number, Positive, Samples, Share, Size, Whole, parse_number
+from nhpocp.problem_file.control import BLOCKS, DEFAULT, ControlData
+from nhpocp.problem_file.numbers import (
+    Checked,
+    Choice,
+    Number,
+    Positive,
+    Samples,
+    Share,
+    Size,
+    Whole,
+    parse_number,
+)
 from nhpocp.problem_file.settings import Solvers, absent
 from nhpocp.problem_file.states import State, StateValue, Strict
+from nhpocp.solvers.registry import SOLVERS
 
 VERSION = 1
 
@@ -83,25 +95,37 @@ class Output(Strict):
     pictures: StrictBool = Field(default=True, description="draw the pictures")
 
 
+_COSTS: dict[str, Any] = {
+    name: (Number | None, Field(default=None, description=OBJECTIVES[name].meaning))
+    for name in costs_of_motion()
+}
+
+
 class ReferenceValues(Strict):
     """What one solver is known to find."""
 
-    effort: Number | None = Field(default=None, description="∫|control|² dt")
-    leg_effort: Number | None = Field(default=None, description="∫|u|² dt")
-    path_length: Number | None = Field(default=None, description="length of the path")
     horizon: Number | None = Field(default=None, description="duration, where it is free")
     iterations: Whole | None = Field(default=None, description="updates")
     evaluations: Whole | None = Field(default=None, description="evaluated controls")
     tolerance: Positive | None = Field(default=None, description="relative, for this solver alone")
 
 
+_VALUES = create_model("ReferenceValues", __base__=ReferenceValues, __doc__=ReferenceValues.__doc__, **_COSTS)
+_OF_SOLVERS: dict[str, Any] = {
+    name: (_VALUES | None, Field(default=None, description=f"of {settings.meaning}"))
+    for name, settings in SOLVERS.items()
+}
+
+
 class Reference(Strict):
     """Known results, read by tests and benchmarks."""
 
-    jacobian: ReferenceValues | None = Field(default=None, description="of the Jacobian method")
-    nlp: ReferenceValues | None = Field(default=None, description="of the NLP")
     tolerance: Positive | None = Field(default=None, description="relative")
     source: Text | None = Field(default=None, description="where the numbers come from")
+
+
+if not TYPE_CHECKING:
+    Reference = create_model("Reference", __base__=Reference, __doc__=Reference.__doc__, **_OF_SOLVERS)
 
 
 def _none_is_empty_list(value: Any) -> Any:
@@ -122,11 +146,12 @@ class ProblemData(Strict):
         default=1.0, description="the duration T, or {min, max, initial} where the NLP may choose"
     )
     control: ControlData = Field(
-        default_factory=lambda: FourierControl(),
+        default_factory=lambda: BLOCKS[DEFAULT](basis=DEFAULT),
         description="basis of the control, and the control to begin with",
     )
-    objective: Literal["effort", "leg_effort", "path_length", "time"] = Field(
-        default="effort", description="effort ∫|control|², leg_effort ∫|u|², path_length, time"
+    objective: Annotated[str, Choice(*OBJECTIVES)] = Field(
+        default="effort",
+        description=", ".join(f"{name} {cost.formula}".rstrip() for name, cost in OBJECTIVES.items()),
     )
     error_length: Size = Field(default=1.0, description="length that counts as much as one radian in E")
     length_scale: Size | None = Field(

@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 
 from nhpocp.arrays import Array
-from nhpocp.constraints import BoundReport, check_bounds
+from nhpocp.constraints.bound import BoundReport, check_bounds
 from nhpocp.solution import Crossing, Replay, Solution, Verdict
 from nhpocp.state_space import Block
 from nhpocp.systems.margins import sigma

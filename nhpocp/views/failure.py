@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from nhpocp.arrays import Array
-from nhpocp.constraints import BoundReport, check_bounds
+from nhpocp.constraints.bound import BoundReport, check_bounds
 from nhpocp.solution import Outcome, Solution
 from nhpocp.systems.margins import margin
 from nhpocp.systems.numeric import NumericSystem

@@ -9,6 +9,7 @@ from typing import Any
 from markupsafe import Markup
 
 from nhpocp.comparison import Entry, Group
+from nhpocp.objectives.registry import OBJECTIVES, costs_of_motion
 from nhpocp.views import report_words as words
 
 COLUMNS = 4  # runs side by side in one table, so that it fits a printed page
@@ -33,10 +34,14 @@ def _pages(count: int) -> Iterator[slice]:
     return (slice(first, first + COLUMNS) for first in range(0, count, COLUMNS))
 
 
+def _figures(digits: int) -> Callable[[Any], Markup]:
+    """How numbers are written with so many digits."""
+    return partial(words.number, digits=digits)
+
+
 def _measures(group: Group) -> dict[str, list[tuple[Any, str, Callable[[Any], Markup]]]]:
     """Label, key and writing of the table's lines, under their headings."""
-    three, four, five, six = (partial(words.number, digits=digits) for digits in (3, 4, 5, 6))
-    control, cost = words.control_symbol(group.problem), words.cost_symbol(group.problem)
+    three, four, problem = _figures(3), _figures(4), group.problem
     return {
         "Ending": [
             ("ending", "outcome", lambda value: Markup.escape(value.replace("_", " "))),
@@ -45,10 +50,15 @@ def _measures(group: Group) -> dict[str, list[tuple[Any, str, Callable[[Any], Ma
             (Markup("tolerance of <i>E</i>"), "tolerance", words.given),
         ],
         "Cost": [
-            (Markup("effort ∫|{}|² d<i>t</i>").format(control), "effort", six),
-            (Markup("leg effort ∫|u|² d<i>t</i>"), "leg_effort", six),
-            ("path length", "path_length", five),
-            (Markup("optimality gap in {}").format(cost), "optimality_gap", words.percent),
+            *(
+                (words.cost_label(OBJECTIVES[name], problem), name, _figures(OBJECTIVES[name].digits))
+                for name in costs_of_motion()
+            ),
+            (
+                Markup("optimality gap in {}").format(words.cost_symbol(problem)),
+                "optimality_gap",
+                words.percent,
+            ),
         ],
         "Along the path": [
             (Markup("least σ<sub>min</sub>(S)"), "least_sigma_s", four),

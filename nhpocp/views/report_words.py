@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -11,6 +12,8 @@ from markupsafe import Markup
 
 from nhpocp import so3
 from nhpocp.comparison import Entry, Group
+from nhpocp.objectives.objective import Objective
+from nhpocp.objectives.registry import OBJECTIVES
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Outcome
 from nhpocp.systems.margins import margin
@@ -70,12 +73,19 @@ def control_symbol(problem: PlanningProblem) -> str:
 
 def cost_symbol(problem: PlanningProblem) -> Markup:
     """The objective as mathematics."""
-    return {
-        "effort": Markup("∫|{}|² d<i>t</i>").format(control_symbol(problem)),
-        "leg_effort": Markup("∫|u|² d<i>t</i>"),
-        "path_length": Markup("path length"),
-        "time": Markup("duration <i>T</i>"),
-    }[problem.objective]
+    return symbol(OBJECTIVES[problem.objective], problem)
+
+
+def symbol(objective: Objective, problem: PlanningProblem) -> Markup:
+    """A cost as mathematics, its times in italics."""
+    text = str(Markup.escape(objective.symbol.format(control=control_symbol(problem))))
+    return Markup(re.sub(r"\b(d?)([tT])\b", r"\1<i>\2</i>", text))
+
+
+def cost_label(objective: Objective, problem: PlanningProblem) -> Markup:
+    """A cost by its name and, where that is more, its symbol."""
+    name, mathematics = Markup.escape(objective.name.replace("_", " ")), symbol(objective, problem)
+    return mathematics if mathematics.startswith(name) else name + " " + mathematics
 
 
 def _named(title: str) -> str:

@@ -16,6 +16,7 @@ from nhpocp.deferred import Deferred
 from nhpocp.errors import OrientationAtPiError
 from nhpocp.flow.integrators import RungeKutta4
 from nhpocp.interruption import STOPPED, Interruption
+from nhpocp.objectives.registry import OBJECTIVES
 from nhpocp.problem import Horizon, PlanningProblem
 from nhpocp.solution import Outcome, Progress, Solution, telling
 from nhpocp.solvers.continuation.confirmation import begun_from, confirmed, end_of
@@ -164,6 +165,14 @@ class _Search:
         """
         if first.outcome is not Outcome.CONVERGED or (solver.objective == "none" and not self.problem.bounds):
             return first
+        objective = OBJECTIVES.get(solver.objective)
+        if objective and (words := objective.lacking_control(first.control.basis)):
+            first = replace(
+                first, message=f"{first.message}; not searched for less {objective.name}: {words}"
+            )
+            if not self.problem.bounds:
+                return first
+            solver = replace(solver, objective="none")
         second = self._solve(solver, begun_from(self.problem, first.control), first.updates)
         if second.outcome in (Outcome.CONVERGED, Outcome.CONSTRAINT_VIOLATED, Outcome.INTERRUPTED):
             return second

@@ -39,7 +39,7 @@ class Continuation:
     """Solver: drives the end-point error E to zero along (16), one step rule at a time.
 
     ``sensitivity`` makes the end-point map; the default differentiates the integrator, `VariationalEndPointMap`
-    integrates (11)-(12). ``objective``: once the goal is reached, the cost (one of `INTEGRANDS`) that motion in the
+    integrates (11)-(12). ``objective``: once the goal is reached, the cost (a name of `OBJECTIVES`) that motion in the
     null space of J then minimises. ``tolerance`` is on E [radians; lengths divided by the problem's error_length].
     """
 

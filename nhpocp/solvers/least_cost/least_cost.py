@@ -11,6 +11,7 @@ from nhpocp.arrays import Array
 from nhpocp.flow.cost_map import cost_map
 from nhpocp.flow.integrators import Integrator
 from nhpocp.flow.simulation import simulate
+from nhpocp.objectives.registry import OBJECTIVES
 from nhpocp.problem import PlanningProblem
 from nhpocp.provenance import afford
 from nhpocp.solution import Outcome
@@ -82,7 +83,8 @@ class _Best:
 class LeastCost:
     """The search from one control that reaches the goal.
 
-    ``objective``: one of `INTEGRANDS`, or none; then the nearest control (in L²) that keeps every bound is looked for.
+    ``objective``: a name of `OBJECTIVES`, or none; then the nearest control (in L²) within every bound is looked for.
+    ``times``: the grid of the paths that ``attempt`` hands back.
     """
 
     problem: PlanningProblem
@@ -117,7 +119,7 @@ class LeastCost:
         self._goal = min(1e-7, 1e-3 * self.tolerance)
         self._aimless = self.objective == "none"
         name = "effort" if self._aimless else self.objective
-        self._scale = scales.objective(name)
+        self._scale = OBJECTIVES[name].scale(scales)
         self._map = cost_map(name, problem, basis, horizon, self.integrator)
 
     def run(self) -> LeastCostResult:
@@ -252,7 +254,7 @@ class LeastCost:
             control = self.problem.control(coefficients, self.horizon)
             cost = simulate(self.problem, control).costs[self.objective]  # not what is smooth in its place
             details["objective_value"] = cost
-            nothing = cost <= NOTHING * self.problem.scales.objective(self.objective)  # and none costs less
+            nothing = cost <= NOTHING * self._scale  # and none costs less
             words = "at" if nothing or (found and found.converged and not end) else "not at"
             parts.append(f"{self.objective} {cost:.6g} {words} a stationary point")
         if found:

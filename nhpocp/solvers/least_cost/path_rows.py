@@ -15,14 +15,14 @@ import numpy as np
 
 from nhpocp.arrays import Array
 from nhpocp.calls import call, mapped
-from nhpocp.constraints import Bound, BoundReport, check_bounds
+from nhpocp.constraints.bound import Bound, BoundReport, check_bounds
 from nhpocp.controls.basis import ControlBasis
 from nhpocp.controls.control import Control
 from nhpocp.flow.dynamics import Dynamics
 from nhpocp.flow.integrators import RungeKutta4, uniform_grid
 from nhpocp.flow.step_error import FINER
 from nhpocp.kept import kept
-from nhpocp.objectives import quantity
+from nhpocp.objectives.quantity import quantity
 from nhpocp.problem import PlanningProblem
 from nhpocp.systems.numeric import numeric_system
 from nhpocp.systems.system import System

@@ -16,7 +16,7 @@ from nhpocp.flow.compiled.kernels import Interpreted, Kernels
 from nhpocp.flow.simulation import Motion, simulate
 from nhpocp.flow.step_error import ALLOWED, FINER
 from nhpocp.interruption import Interruption
-from nhpocp.objectives import SOFTENINGS
+from nhpocp.objectives.registry import OBJECTIVES
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Outcome, Progress, Solution
 from nhpocp.solvers.nlp.guesses import GuessMaker, NoGuessError, make_guess, meets
@@ -96,8 +96,7 @@ class Run:
         self.origin: Solution | None = None  # of the guess
         self.build_seconds = 0.0
         self.details: dict[str, Any] = {"guess": maker.kind}
-        wanted = SOFTENINGS if problem.objective == "path_length" else SOFTENINGS[-1:]
-        self.softening, self.harder = wanted[0], wanted[1:]
+        self.softening, *self.harder = OBJECTIVES[problem.objective].softenings
 
     def solve(self) -> Solution:
         began = perf_counter()
@@ -314,8 +313,9 @@ class Run:
 
     def _objective(self, programme: Transcription, optimum: Optimum, motion: Motion) -> float:
         """The cost; of a softened one, what it stands for."""
-        softened = self.problem.objective == "path_length"
-        return motion.costs["path_length"] if softened else optimum.objective * programme.cost_unit
+        name = self.problem.objective
+        softened = any(OBJECTIVES[name].softenings)
+        return motion.costs[name] if softened else optimum.objective * programme.cost_unit
 
     def _sentence(self, outcome: Outcome, programme: Transcription, optimum: Optimum, cost: float) -> str:
         if outcome is Outcome.CONVERGED:

@@ -15,7 +15,7 @@ import numpy as np
 
 from nhpocp.arrays import Array, namespace
 from nhpocp.frozen import Frozen
-from nhpocp.objectives import quantity
+from nhpocp.objectives.quantity import quantity
 from nhpocp.scales import side_size
 from nhpocp.systems.margins import Margin, margin
 from nhpocp.systems.system import System
