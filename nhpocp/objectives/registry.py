@@ -16,6 +16,7 @@ OBJECTIVES: Family[Objective] = Family(
     {
         "effort": "nhpocp.objectives.effort:Effort",
         "leg_effort": "nhpocp.objectives.leg_effort:LegEffort",
+        "control_rate": "nhpocp.objectives.control_rate:ControlRate",
         "path_length": "nhpocp.objectives.path_length:PathLength",
         "time": "nhpocp.objectives.duration:Duration",
     },
