@@ -9,6 +9,7 @@ BASES: Family[type[ControlBasis]] = Family(
     {
         "fourier": "nhpocp.controls.fourier:Fourier",
         "legendre": "nhpocp.controls.legendre:Legendre",
+        "chebyshev": "nhpocp.controls.chebyshev:Chebyshev",
         "bspline": "nhpocp.controls.bspline:BSpline",
         "piecewise_constant": "nhpocp.controls.piecewise_constant:PiecewiseConstant",
     }
