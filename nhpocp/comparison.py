@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from nhpocp import planning
-from nhpocp.csv_table import write_table
+from nhpocp.csv_writer import write_table
 from nhpocp.errors import InvalidProblemError, NhpocpError
 from nhpocp.interruption import STOPPED, Interruption
 from nhpocp.objectives.registry import OBJECTIVES, costs_of_motion, exact_costs

@@ -22,7 +22,7 @@ from nhpocp.cli.progress import Panel, progress
 from nhpocp.cli.summary import comparison_lines, report
 from nhpocp.cli.terminal import console, put, say, tell
 from nhpocp.comparison import Comparison, Entry
-from nhpocp.csv_table import as_text
+from nhpocp.csv_writer import as_text
 from nhpocp.solution import Outcome
 from nhpocp.solution_folder import save_solution
 from nhpocp.solution_folder.tables import write_iterations, write_trajectory

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from nhpocp.cli.exit_status import SOLVED
 from nhpocp.cli.options import json_option, load, set_option
 from nhpocp.cli.terminal import put, say, tell
-from nhpocp.cli.verbs import SOLVED
 from nhpocp.systems.margins import det, margin
 
 if TYPE_CHECKING:

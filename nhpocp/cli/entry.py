@@ -1,7 +1,4 @@
-"""Entry point: runs a verb and turns errors into messages and exit statuses.
-
-Exit status: 0 solved and verified, 1 not (everything is still written), 2 bad input, 3 an optional part is missing.
-"""
+"""Entry point: runs a verb and turns errors into messages and exit statuses."""
 
 from __future__ import annotations
 
@@ -22,9 +19,10 @@ import click
 
 from nhpocp.cli.analyzing import analyze
 from nhpocp.cli.animating import animate
+from nhpocp.cli.exit_status import BAD_INPUT, MISSING_PART, NOT_SOLVED, SOLVED
 from nhpocp.cli.starting import init, schema
 from nhpocp.cli.terminal import abandon, error_data, open_streams, put, say
-from nhpocp.cli.verbs import BAD_INPUT, MISSING_PART, NOT_SOLVED, SOLVED, cli
+from nhpocp.cli.verbs import cli
 from nhpocp.errors import MissingDependencyError, NhpocpError
 
 for verb in (analyze, animate, init, schema):

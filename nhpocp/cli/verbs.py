@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from nhpocp.cli.exit_status import BAD_INPUT, NOT_SOLVED, SOLVED
 from nhpocp.cli.options import json_option, load, set_option
 from nhpocp.cli.progress import progress
 from nhpocp.cli.summary import comparison_lines, report, task
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
     from nhpocp.solution import Solution
 
 DRAWING = {"k": None, "error": None, "stage": "drawing"}
-SOLVED, NOT_SOLVED, BAD_INPUT, MISSING_PART = 0, 1, 2, 3
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})

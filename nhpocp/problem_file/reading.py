@@ -19,12 +19,12 @@ from nhpocp.errors import InvalidProblemError, describe, refuse
 from nhpocp.foreseen import broken_poses
 from nhpocp.problem import PlanningProblem
 from nhpocp.problem_file import document as documents
-from nhpocp.problem_file.angles import probable_degrees
 from nhpocp.problem_file.building import assembled, build_solvers, via_order
 from nhpocp.problem_file.document import Document
 from nhpocp.problem_file.messages import translate
 from nhpocp.problem_file.overrides import apply, within
 from nhpocp.problem_file.plugins import words
+from nhpocp.problem_file.probable_degrees import probable_degrees
 from nhpocp.problem_file.registry import SYSTEMS, read_system
 from nhpocp.problem_file.schema import ProblemData
 from nhpocp.scales import coarse

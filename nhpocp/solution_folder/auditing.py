@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from nhpocp.csv_table import as_text
+from nhpocp.csv_writer import as_text
 from nhpocp.errors import InvalidProblemError
 from nhpocp.objectives.registry import costs_of_motion, exact_costs
 from nhpocp.problem_file.dumping import writable

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from nhpocp.csv_table import write_table
+from nhpocp.csv_writer import write_table
 from nhpocp.solution import Solution
 
 # what a reader looks for first; further keys follow in the order in which the records name them
