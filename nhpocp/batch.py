@@ -87,10 +87,12 @@ def _planned(problem: PlanningProblem, goals: Sequence[Mapping[str, Any]], solve
             message = f"{reached.message}."
             yield Plan(Outcome.CONVERGED, message, reached.error, control, reached.evaluations)
             continue
-        found = refused(towards, solver) or solver.solve(towards)
-        if found.outcome is Outcome.INTERRUPTED:
+        solution = refused(towards, solver) or solver.solve(towards)
+        if solution.outcome is Outcome.INTERRUPTED:
             raise KeyboardInterrupt
-        yield Plan(found.outcome, found.message, found.final_error, found.control, found.evaluations)
+        yield Plan(
+            solution.outcome, solution.message, solution.final_error, solution.control, solution.evaluations
+        )
     if wrong:
         raise wrong
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from itertools import count
+from collections.abc import Sequence
 from threading import get_ident
 from typing import Any
 
@@ -26,7 +25,7 @@ def call(function: ca.Function, *arguments: Array) -> tuple[Array, ...]:
 
 
 def lent(function: ca.Function, *arguments: Array) -> tuple[Array, ...]:
-    """The same, not copied: this thread's next call of the function writes over them."""
+    """What `call` gives, not copied: this thread's next call of the function writes over it."""
     return _caller(function, get_ident())(arguments)
 
 
@@ -77,14 +76,21 @@ def side_by_side(function: ca.Function, samples: int) -> ca.Function:
     Looking up what to do takes CasADi longer than doing it, and is so done once: four to six times as fast for 400
     samples. As making such a function is dear, `mapped` is handed out until that has cost as much.
     """
-    times = next(_asked(function, samples))
-    return _side_by_side(function, samples) if times * samples >= PAID else mapped(function, samples)
+    use = _use(function, samples)
+    paid = use.samples >= PAID
+    use.samples += samples
+    return _side_by_side(function, samples) if paid else mapped(function, samples)
+
+
+class _Use:
+    """What a function has been asked for on so many samples at once."""
+
+    samples = 0
 
 
 @kept(most=128)
-def _asked(function: ca.Function, samples: int) -> Iterator[int]:
-    """How often it has been asked for before."""
-    return count()
+def _use(function: ca.Function, samples: int) -> _Use:
+    return _Use()
 
 
 @kept(most=64)

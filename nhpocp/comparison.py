@@ -17,15 +17,16 @@ import numpy as np
 from nhpocp import planning
 from nhpocp.csv_table import write_table
 from nhpocp.errors import InvalidProblemError, NhpocpError
-from nhpocp.flow.simulation import simulate
-from nhpocp.interruption import Interruption
+from nhpocp.interruption import STOPPED, Interruption
+from nhpocp.objectives.registry import OBJECTIVES, costs_of_motion, exact_costs
 from nhpocp.problem import PlanningProblem
 from nhpocp.provenance import machine, peak_memory, reset_peak_memory
 from nhpocp.solution import Outcome, Progress, Solution, Solver, telling
-from nhpocp.solvers.nlp.guesses import starting_horizon
+from nhpocp.solvers.registry import SOLVERS
+from nhpocp.solvers.unsolved import unsolved
 
 SCHEMA_VERSION = 1
-VARIANTS = ("jacobian", "nlp")
+VARIANTS = ("jacobian", "nlp")  # what is compared unless told
 # what a solver can stumble over that is no mistake of ours: its message is enough
 FAILURES = (NhpocpError, RuntimeError, ArithmeticError, np.linalg.LinAlgError, MemoryError)
 
@@ -73,11 +74,9 @@ class Entry:
     def objective_value(self) -> float:
         """What the problem's own objective says of the motion, whatever the solver minimised; NaN where unknown."""
         solution = self.solution
-        if solution.problem.objective == "time":
-            return solution.control.horizon
-        if solution.problem.objective == "effort":
-            return solution.control.effort
-        return float(solution.costs.get(solution.problem.objective, math.nan))
+        name = solution.problem.objective
+        exact = OBJECTIVES[name].of_control(solution.control)
+        return float(solution.costs.get(name, math.nan)) if exact is None else exact
 
     @property
     def machine(self) -> Mapping[str, Any]:
@@ -201,7 +200,7 @@ def compare(
             entries.append(Entry(solution, run.variant, folder))
             interruption.patient = False
     missing = [f"{run.problem.name} by {run.variant}" for run in runs[len(entries) :]]
-    notes += [f"Stopped by hand; not run: {', '.join(missing)}."] if missing else []
+    notes += [f"{STOPPED}; not run: {', '.join(missing)}."] if missing else []
     return Comparison(entries, notes)
 
 
@@ -209,17 +208,12 @@ def _own(problem: PlanningProblem, name: str) -> Run:
     """A problem with its own solver of that name, or the method's defaults."""
     if name in problem.solvers:
         return Run(problem, problem.solvers[name], name)
-    if name == "jacobian":
-        from nhpocp.solvers.continuation.continuation import Continuation
-
-        return Run(problem, Continuation(), name)
-    if name == "nlp":
-        from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting
-
-        return Run(problem, MultipleShooting(), name)
-    raise InvalidProblemError(
-        f"unknown variant {name!r}; expected jacobian or nlp, or a `Run` with a solver of its own"
-    )
+    if name not in SOLVERS:
+        known = " or ".join(SOLVERS)
+        raise InvalidProblemError(
+            f"unknown variant {name!r}; expected {known}, or a `Run` with a solver of its own"
+        )
+    return Run(problem, SOLVERS[name]().solver(None, {}), name)
 
 
 def _solved(run: Run, progress: Progress | None) -> Solution:
@@ -249,24 +243,10 @@ def _reason(error: Exception) -> str:
 
 def _failure(run: Run, error: Exception, seconds: float) -> Solution:
     """A solution that says why there is none; its control stands still."""
-    problem = run.problem
     reason = _reason(error)
-    zeros = np.zeros((problem.system.input_space.size, problem.basis.size))
-    control = problem.control(zeros, starting_horizon(problem))
-    motion = simulate(problem, control)
-    return Solution(
-        problem=problem,
-        solver=run.solver.name,
-        settings=run.solver.settings(),
-        tolerance=run.solver.tolerance,
-        outcome=Outcome.SOLVER_ERROR,
-        message=reason if reason.endswith(".") else f"{reason}.",
-        final_error=math.nan,
-        control=control,
-        trajectory=motion.trajectory,
-        costs=motion.costs,
-        timing={"build_s": 0.0, "solve_s": seconds, "verify_s": 0.0, "total_s": seconds},
-    )
+    sentence = reason if reason.endswith(".") else f"{reason}."
+    solution = unsolved(run.problem, run.solver, Outcome.SOLVER_ERROR, sentence, solve_seconds=seconds)
+    return replace(solution, timing={**solution.timing, "verify_s": 0.0, "total_s": seconds})
 
 
 # --- the table ------------------------------------------------------------------------------------------------------
@@ -275,7 +255,7 @@ def _failure(run: Run, error: Exception, seconds: float) -> Solution:
 def _row(entry: Entry, best: float | None) -> dict[str, Any]:
     solution, verdict = entry.solution, entry.solution.verdict
     timing = solution.timing
-    motion = _motion(entry) if entry.tried else dict.fromkeys(MOTION)
+    motion = _motion(entry) if entry.tried else dict.fromkeys(costs_of_motion())
     value = entry.objective_value
     comparable = solution.converged and best is not None and best > 0
     row = {
@@ -304,13 +284,12 @@ def _row(entry: Entry, best: float | None) -> dict[str, Any]:
     return {key: _finite(item) for key, item in row.items()}
 
 
-MOTION = ("effort", "leg_effort", "path_length")
 EXTREMES = ("least_sigma_s", "least_sigma_w", "leg_length_min", "leg_length_max", "peak_leg_speed")
 
 
 def _motion(entry: Entry) -> dict[str, float | None]:
     costs = entry.solution.costs
-    return {**{name: costs.get(name) for name in MOTION}, "effort": entry.solution.control.effort}
+    return {name: costs.get(name) for name in costs_of_motion()} | exact_costs(entry.solution.control)
 
 
 def _extremes(entry: Entry) -> dict[str, float | None]:

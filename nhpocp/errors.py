@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import difflib
+from collections.abc import Iterable, Sequence
+from typing import Any
+
 
 class NhpocpError(Exception):
     """Base of every error that nhpocp raises on purpose."""
@@ -35,7 +39,49 @@ class LocatedError(NhpocpError, ValueError):
 
 
 class InvalidProblemError(LocatedError):
-    """A problem, a setting or a file that cannot be used as it stands."""
+    """A problem, a setting or a file that cannot be used as it stands.
+
+    at_key: whether the path's last key is the mistake, and not its value. known: the names that ``word`` may have been
+    meant as; they are compared when the message is read, since of thousands of errors one is told. others: what is
+    wrong beside this, found at the same time.
+    """
+
+    def __init__(
+        self,
+        message: str,
+        *,
+        at_key: bool = False,
+        word: str | None = None,
+        known: Iterable[str] = (),
+        **place: Any,
+    ) -> None:
+        super().__init__(message, **place)
+        self.at_key = at_key or word is not None
+        self._word, self._known = word, tuple(known)
+        self.others: tuple[InvalidProblemError, ...] = ()
+
+    @property
+    def message(self) -> str:
+        if self._word is None:
+            return self.plain
+        return f"{self.plain}; {suggestion(self._word, self._known)}"
+
+    @message.setter
+    def message(self, words: str) -> None:
+        self.plain = words
+
+    def under(self, prefix: str) -> InvalidProblemError:
+        """This error, its path counted from further up."""
+        between = "." if self.path and not self.path.startswith("[") else ""
+        self.path = f"{prefix}{between}{self.path or ''}"
+        return self
+
+
+def refuse(errors: Sequence[InvalidProblemError]) -> None:
+    """Raises the first of several errors, which knows the others; nothing where there is none."""
+    if errors:
+        errors[0].others = tuple(errors[1:])
+        raise errors[0]
 
 
 class FrozenError(NhpocpError, AttributeError, TypeError):
@@ -56,3 +102,27 @@ class UnreadableSolutionError(LocatedError):
 
 class MissingDependencyError(NhpocpError, ImportError):
     """An optional part that is not installed; the message says how to install it."""
+
+
+def describe(value: Any) -> str:
+    """A value in plain words, for error messages."""
+    if value is None:
+        return "nothing"
+    if isinstance(value, bool):
+        return f"the truth value {str(value).lower()}"
+    if isinstance(value, int | float):
+        return f"the number {value:.12g}" if abs(value) < 1e300 else "a number too large"
+    if isinstance(value, str):
+        return f"the text {value!r}" if len(value) <= 40 else f"the text {value[:37]!r}…"
+    if isinstance(value, list):
+        return f"a list of {len(value)}"
+    return "a mapping" if isinstance(value, dict) else f"a {type(value).__name__}"
+
+
+def suggestion(word: str, known: Iterable[str]) -> str:
+    """The nearest known word as a question, else all of them."""
+    known = list(known)
+    near = difflib.get_close_matches(word.lower(), known, n=1, cutoff=0.6)
+    if near:
+        return f"did you mean {near[0]!r}?"
+    return f"expected one of {', '.join(known)}" if known else "no key is expected here"

@@ -1,16 +1,19 @@
-"""What can be said of a problem before it is solved: bounds that exclude each other, costs that have no least."""
+"""What can be said of a problem before it is solved: poses that break bounds, bounds that exclude each other, costs
+that have no least."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from nhpocp.arrays import Array
-from nhpocp.constraints import Bound
+from nhpocp.constraints.bound import Bound, BoundReport, check_bounds
+from nhpocp.objectives.registry import OBJECTIVES
 from nhpocp.problem import PlanningProblem
-from nhpocp.systems.numeric import numeric_system
+from nhpocp.systems.margins import margin
 
 FORGIVEN = 2e-3  # of its size: by how much each bound is widened first, twice what verification forgives
 AFFINE = 1e-9  # relative
@@ -25,6 +28,47 @@ class _Sides:
     b: Array
     lower: Array
     upper: Array
+
+
+def broken_poses(problem: PlanningProblem) -> Iterator[tuple[str, BoundReport]]:
+    """Poses with the bounds that they break themselves, whatever the control; of every bound its worst component.
+
+    A pose is named "start", "goal" or "via[0]".
+    """
+    poses = {"start": problem.start, "goal": problem.goal}
+    poses |= {f"via[{i}]": via.goal for i, via in enumerate(problem.via)}
+    for place, pose in poses.items():
+        values = {**_of_the_pose(problem, pose), **pose}
+        bounds = [bound for bound in problem.bounds if bound.quantity in values]
+        batch = {name: np.asarray(value, dtype=float)[None] for name, value in values.items()}
+        for report in check_bounds(bounds, np.zeros(1), batch):
+            if not report.ok:
+                yield place, report
+
+
+def _of_the_pose(problem: PlanningProblem, pose: Mapping[str, Any]) -> dict[str, Array]:
+    """The bounded outputs and margins of a whole pose, as far as no control changes them."""
+    system, space = problem.system, problem.system.state_space
+    if not set(space.names) <= set(pose):
+        return {}
+    point, inputs = np.asarray(space.pack(pose)), system.input_space.size
+    wanted = {bound.quantity for bound in problem.bounds} - {*space.names, *system.input_space.names}
+    values: dict[str, Array] = {}
+    for name in wanted:
+        if bounded := margin(name):
+            scaled = system.regularity(point)[bounded.matrix]
+            scaled = scaled / system.column_scales(bounded.matrix, problem.scale)
+            least = np.linalg.svd(scaled, compute_uv=False)[-1] if np.isfinite(scaled).all() else np.nan
+            values[name] = least
+            continue
+        try:
+            with np.errstate(all="ignore"):
+                still, moving = (system.output(name, point, np.full(inputs, u)) for u in (0.0, 1.0))
+        except np.linalg.LinAlgError:  # a singular pose has no such output
+            continue
+        if np.array_equal(still, moving):
+            values[name] = np.squeeze(still)
+    return values
 
 
 def contradiction(problem: PlanningProblem) -> str:
@@ -58,9 +102,9 @@ def endless(problem: PlanningProblem) -> str:
 
     A driftless motion may be run slower, for less effort, as long as no bound asks for a pace.
     """
-    horizon, costs = problem.horizon, ("effort", "leg_effort")
+    horizon = problem.horizon
     free = horizon.free and horizon.maximum is None and problem.system.driftless
-    if not free or problem.objective not in costs:
+    if not free or OBJECTIVES[problem.objective].pace >= 0:
         return ""
     if all(task.error(problem.start_point) == 0 for task in problem.tasks):
         return ""  # to stay costs nothing
@@ -78,6 +122,8 @@ def endless(problem: PlanningProblem) -> str:
 
 def _asked_of_the_control(problem: PlanningProblem, point: Array) -> list[_Sides]:
     """What the bounds ask of the control at a pose, as far as their quantities are affine in it."""
+    from nhpocp.systems.numeric import numeric_system  # and CasADi, which `check` does without
+
     if not problem.bounds or not problem.system.input_space.size:
         return []
     inputs = problem.scales.inputs
@@ -86,7 +132,7 @@ def _asked_of_the_control(problem: PlanningProblem, point: Array) -> list[_Sides
     values = numeric_system(problem.system).trajectory(
         np.tile(point, (len(controls), 1)), controls, problem.scale
     )
-    found = []
+    sides_of_bounds = []
     for bound in problem.bounds:
         numbers = np.asarray(values[bound.quantity]).reshape(len(controls), -1)
         if not np.isfinite(numbers).all():
@@ -101,8 +147,8 @@ def _asked_of_the_control(problem: PlanningProblem, point: Array) -> list[_Sides
             np.broadcast_to(np.asarray(side, dtype=float) + sign * FORGIVEN * size, shape).ravel()
             for side, sign, size in zip(sides, (-1, 1), (below, above), strict=True)
         )
-        found.append(_Sides(bound, A, b, lower, upper))
-    return found
+        sides_of_bounds.append(_Sides(bound, A, b, lower, upper))
+    return sides_of_bounds
 
 
 def _meetable(sides: Sequence[_Sides]) -> bool:
@@ -119,10 +165,10 @@ def _meetable(sides: Sequence[_Sides]) -> bool:
     sizes[sizes == 0] = 1.0
     columns = np.abs(A[kept] / sizes[:, None]).max(axis=0, initial=0.0)
     columns[columns == 0] = 1.0
-    found = linprog(
+    answer = linprog(
         np.zeros(A.shape[1]), A[kept] / sizes[:, None] / columns, b[kept] / sizes, bounds=(None, None)
     )
-    return bool(found.status != 2)  # 2: infeasible
+    return bool(answer.status != 2)  # 2: infeasible
 
 
 def _least(sides: Sequence[_Sides]) -> list[_Sides]:

@@ -44,7 +44,7 @@ def kept(
         made: deque[tuple[ref[Any], tuple[Any, ...], int]] = deque()
 
         @wraps(make)
-        def found(owner: Any, *rest: Any) -> R:
+        def looked_up(owner: Any, *rest: Any) -> R:
             try:
                 return owner.__dict__[slot][rest]
             except KeyError:
@@ -65,7 +65,7 @@ def kept(
             while made:
                 let_go_of_first()
 
-        keeping: Any = found
+        keeping: Any = looked_up
         keeping.cache_clear = cache_clear
         return keeping
 

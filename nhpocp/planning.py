@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from time import perf_counter
 
 import numpy as np
 
 from nhpocp.arrays import Array
-from nhpocp.constraints import check_bounds
 from nhpocp.deferred import at_hand
+from nhpocp.errors import InvalidProblemError
 from nhpocp.flow.simulation import simulate
-from nhpocp.foreseen import contradiction, endless
-from nhpocp.interruption import Interruption
+from nhpocp.foreseen import broken_poses, contradiction, endless
+from nhpocp.interruption import STOPPED, Interruption
 from nhpocp.kept import let_go
+from nhpocp.objectives.registry import OBJECTIVES
 from nhpocp.problem import PlanningProblem
 from nhpocp.scales import coarse
 from nhpocp.solution import Outcome, Progress, Solution, Solver
-from nhpocp.systems.numeric import NumericSystem, numeric_system
+from nhpocp.solvers.unsolved import unsolved
+from nhpocp.systems.numeric import numeric_system
 from nhpocp.verification import verify
 
 ON_THE_SURFACE = 1e-9  # σ_min below which the sign of a determinant is rounding
@@ -33,6 +36,8 @@ def solve(
     of the Solution.
     """
     solver = solver or default_solver(problem)
+    if words := OBJECTIVES[problem.objective].lacking_control(problem.basis):
+        raise InvalidProblemError(words, path="objective")
     with Interruption() as interruption:
         try:
             solution = refused(problem, solver) or _in_short(solver.solve(problem, progress))
@@ -40,8 +45,8 @@ def solve(
             if interruption.insisted:
                 raise
             with Interruption(patient=True):  # short
-                words = "Stopped by hand before a control was found."
-                solution = _unsolved(problem, solver, Outcome.INTERRUPTED, words)
+                words = f"{STOPPED} before a control was found."
+                solution = _refused(problem, solver, Outcome.INTERRUPTED, words)
         solution, began = _doubted(_with_pose(solution)), perf_counter()
         if progress:
             progress({"k": None, "error": None, "stage": "verifying"})
@@ -50,7 +55,7 @@ def solve(
         except KeyboardInterrupt:
             if interruption.insisted:
                 raise
-            message = f"Stopped by hand before it was verified; the solver's own word: {solution.message}"
+            message = f"{STOPPED} before it was verified; the solver's own word: {solution.message}"
             return replace(solution, outcome=Outcome.INTERRUPTED, message=message)
     if solution.outcome is Outcome.CONVERGED and not verdict.ok:
         # a class or a global that the equations read may have changed since what is kept was made
@@ -92,23 +97,17 @@ def default_solver(problem: PlanningProblem) -> Solver:
 
 def refused(problem: PlanningProblem, solver: Solver) -> Solution | None:
     """The ending of a task that no path of this machine performs, recognised from its poses alone."""
-    if broken := _broken_values(problem):
-        return _unsolved(problem, solver, Outcome.INFEASIBLE, f"{broken}. {Outcome.INFEASIBLE.advice}")
     if missed := _missed_by_the_drift(problem, solver):
-        return _unsolved(
-            problem, solver, Outcome.NOT_REACHED, f"{missed}. There is no control to search for."
-        )
-    numeric = numeric_system(problem.system)
-    ends = np.array([problem.start_point, *([problem.goal_point] if problem.goal_is_a_pose else [])])
+        return _refused(problem, solver, Outcome.NOT_REACHED, f"{missed}. There is no control to search for.")
     sentences = {
-        Outcome.INFEASIBLE: contradiction(problem) or _broken_bounds(problem, numeric, ends),
-        Outcome.OTHER_COMPONENT: _opposite_signs(problem, numeric, ends) if problem.goal_is_a_pose else "",
+        Outcome.INFEASIBLE: contradiction(problem) or _broken_bounds(problem),
+        Outcome.OTHER_COMPONENT: _opposite_signs(problem) if problem.goal_is_a_pose else "",
     }
     for outcome, sentence in sentences.items():
         if sentence:
-            return _unsolved(problem, solver, outcome, f"{sentence}. {outcome.advice}")
+            return _refused(problem, solver, outcome, f"{sentence}. {outcome.advice}")
     if getattr(solver, "chooses_horizon", False) and (words := endless(problem)):
-        return _unsolved(problem, solver, Outcome.DIVERGED, f"{words}.")
+        return _refused(problem, solver, Outcome.DIVERGED, f"{words}.")
     return None
 
 
@@ -119,82 +118,45 @@ def _missed_by_the_drift(problem: PlanningProblem, solver: Solver) -> str:
     horizon = problem.horizon.fixed
     control = problem.control(np.zeros((0, problem.basis.size)), horizon)
     motion = simulate(problem, control)
-    space = problem.system.state_space
-    end = np.asarray(space.pack({name: motion.trajectory[name][-1] for name in space.names}))
-    error = problem.goal_error(end)
+    error = _error_at_the_end(problem, motion.trajectory)
     if error <= solver.tolerance:
         return ""
     return f"{problem.system.model} has no inputs, and its drift ends E = {error:.3g} from the goal at t = {horizon:g}"
 
 
-def _broken_values(problem: PlanningProblem) -> str:
-    """Values of the goal, where it leaves something free, and of the via poses that break a bound themselves."""
-    sentences = []
-    for task in problem.tasks:
-        if task.share == 1.0 and set(task.values) == set(problem.system.state_space.names):
-            continue  # `_broken_bounds` knows more of a whole pose
-        values = {name: np.asarray(value)[None] for name, value in task.values.items()}
-        bounds = [bound for bound in problem.bounds if bound.quantity in values]
-        named = "goal" if task.share == 1.0 else f"via pose at {task.share:g}"
-        sentences += [
-            f"the {named} itself breaks {report.name}, which is {report.value:.4g}, {report.limit_words()}"
-            for report in check_bounds(bounds, np.array([task.share]), values)
-            if not report.ok
-        ]
-    return "; ".join(sentences)
-
-
-def _broken_bounds(problem: PlanningProblem, numeric: NumericSystem, ends: Array) -> str:
-    """Bounds on quantities of the pose alone that the start or the goal itself breaks."""
-    if not problem.bounds:
-        return ""
-    inputs = problem.system.input_space.size
-    still, moving = (
-        numeric.trajectory(ends, np.full((len(ends), inputs), value), problem.scale) for value in (0.0, 1.0)
-    )
-    times = np.array([0.0, problem.horizon.initial or 1.0])[: len(ends)]
-    of_the_pose = [b for b in problem.bounds if np.array_equal(still[b.quantity], moving[b.quantity])]
-    reports = [report for report in check_bounds(of_the_pose, times, still) if not report.ok]
+def _broken_bounds(problem: PlanningProblem) -> str:
+    """The poses that break a bound themselves, in words."""
+    names = {f"via[{i}]": f"via pose at {via.share:g}" for i, via in enumerate(problem.via)}
     return "; ".join(
-        f"the {'start' if report.time == 0 else 'goal'} itself breaks {report.name}, which is {report.value:.4g}, "
+        f"the {names.get(place, place)} itself breaks {report.name}, which is {report.value:.4g}, "
         + report.limit_words()
-        for report in reports
+        for place, report in broken_poses(problem)
     )
 
 
-def _opposite_signs(problem: PlanningProblem, numeric: NumericSystem, ends: Array) -> str:
+def _opposite_signs(problem: PlanningProblem) -> str:
     """Determinants that no path of the machine changes for good, and that differ in sign at the goal."""
-    determinants, system = numeric.determinants(ends), problem.system
+    numeric, system = numeric_system(problem.system), problem.system
+    ends = np.array([problem.start_point, problem.goal_point])
+    determinants = numeric.determinants(ends)
     sentences = {}
     for name in system.separating():
         first, last = determinants[name]
         if first * last < 0 and numeric.sigmas(ends, problem.scale)[name].min() > ON_THE_SURFACE:
             sentences[name] = f"det {name.upper()} is {first:.3g} at the start and {last:.3g} at the goal"
-    found = "; ".join(sentences.values())
-    if found and (actuated := system.actuated()) and not set(sentences) & set(actuated[0].separating()):
-        found += ", which eq. (7) cannot cross; `form: original` may"
-    return found
+    words = "; ".join(sentences.values())
+    if words and (actuated := system.actuated()) and not set(sentences) & set(actuated[0].separating()):
+        words += ", which eq. (7) cannot cross; `form: original` may"
+    return words
 
 
-def _unsolved(problem: PlanningProblem, solver: Solver, outcome: Outcome, message: str) -> Solution:
-    """A Solution without control: it stays at the start, or goes where the drift takes it."""
-    zeros = np.zeros((problem.system.input_space.size, problem.basis.size))
-    control = problem.control(zeros, problem.horizon.initial or 1.0)
-    motion = simulate(problem, control)
+def _refused(problem: PlanningProblem, solver: Solver, outcome: Outcome, message: str) -> Solution:
+    """A Solution whose control stands still, with E where that ends."""
+    still = unsolved(problem, solver, outcome, message)
+    return replace(still, final_error=_error_at_the_end(problem, still.trajectory))
+
+
+def _error_at_the_end(problem: PlanningProblem, trajectory: Mapping[str, Array]) -> float:
+    """E where a motion ends."""
     space = problem.system.state_space
-    end = np.asarray(space.pack({name: motion.trajectory[name][-1] for name in space.names}))
-    settings = solver.settings()
-    return Solution(
-        problem=problem,
-        solver=solver.name,
-        settings=settings,
-        objective=settings.get("objective", problem.objective),
-        tolerance=solver.tolerance,
-        outcome=outcome,
-        message=message,
-        final_error=problem.goal_error(end),
-        control=control,
-        trajectory=motion.trajectory,
-        costs=motion.costs,
-        timing={"build_s": 0.0, "solve_s": 0.0},
-    )
+    return problem.goal_error(np.asarray(space.pack({name: trajectory[name][-1] for name in space.names})))

@@ -2,27 +2,31 @@
 
 from __future__ import annotations
 
+from bisect import bisect
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
 from nhpocp.arrays import Array
-from nhpocp.constraints import Bound
+from nhpocp.constraints.bound import Bound
 from nhpocp.controls.basis import ControlBasis
 from nhpocp.controls.control import Control
 from nhpocp.controls.fourier import Fourier
-from nhpocp.errors import InvalidProblemError
-from nhpocp.frozen import FixedDict, Frozen, fixed
-from nhpocp.objectives import available
+from nhpocp.errors import InvalidProblemError, describe, refuse
+from nhpocp.frozen import Frozen, fixed
+from nhpocp.objectives.registry import available
+from nhpocp.poses import checked_goal, checked_start, goal_blocks
 from nhpocp.scales import Scales, natural_scales
-from nhpocp.state_space import Block, StateSpace
-from nhpocp.systems.margins import det
-from nhpocp.systems.numeric import numeric_system
-from nhpocp.systems.system import System, check_names
-from nhpocp.task import Task
+from nhpocp.state_space import Block
+from nhpocp.systems.margins import margin
+from nhpocp.systems.quantities import quantities
+from nhpocp.systems.system import System
+
+if TYPE_CHECKING:
+    from nhpocp.task import Task
 
 ASSEMBLED = 1e-6  # share of the machine's length by which a start may miss what its joints hold
 INSTANT = 1e-12  # share of a duration, in the place of 0
@@ -42,16 +46,17 @@ class Horizon:
         for name in ("initial", "minimum", "maximum"):
             value = getattr(self, name)
             if value is not None and not (np.isfinite(value) and value > 0):
-                raise InvalidProblemError(
-                    f"{value:g} is not a duration; expected a number > 0", path="horizon"
-                )
+                words = f"{value:g} is not a duration; expected a number > 0"
+                raise InvalidProblemError(words, path="horizon")
+        if self.initial is None and not self.free:
+            words = "empty; expected {min: …, max: …, initial: …} or a number"
+            raise InvalidProblemError(words, path="horizon")
         lower, upper = self.minimum or 0.0, self.maximum or np.inf
         if self.free and not lower < upper:
-            raise InvalidProblemError("min must be below max", path="horizon")
+            raise InvalidProblemError(f"min {lower:g} is not below max {upper:g}", path="horizon")
         if self.free and self.initial is not None and not lower <= self.initial <= upper:
-            raise InvalidProblemError(
-                f"initial {self.initial:g} is outside [{lower:g}, {upper:g}]", path="horizon"
-            )
+            words = f"{self.initial:g} lies outside min and max, [{lower:g}, {upper:g}]"
+            raise InvalidProblemError(words, path="horizon.initial")
 
     @property
     def free(self) -> bool:
@@ -62,6 +67,15 @@ class Horizon:
         """The shortest and the longest duration; without a minimum, an instant beside the first of those known."""
         known = next(value for value in (self.initial, self.maximum, self.minimum) if value is not None)
         return self.minimum or INSTANT * known, self.maximum or np.inf
+
+    @property
+    def first(self) -> float:
+        """The duration to begin with: the one that is given, or the middle of a free one's range."""
+        if self.initial is not None:
+            return self.initial
+        if self.minimum is not None and self.maximum is not None:
+            return 0.5 * (self.minimum + self.maximum)
+        return self.minimum or self.maximum or 1.0
 
     def kept(self, duration: float) -> float:
         """The nearest duration that is allowed: an optimizer meets bounds up to its tolerance."""
@@ -120,100 +134,115 @@ class PlanningProblem(Frozen):
     source: str | None = None  # the problem file's text, as read
 
     def __post_init__(self) -> None:
-        self.start = checked_state(self.system.state_space, self.start)
-        self.goal = checked_goal(self.system, self.goal, "goal")
-        if self.objective not in (known := [*available(self.system), "time"]):
-            raise InvalidProblemError(
-                f"{self.objective!r} is none of {', '.join(known)}, the objectives of {self.system.model}",
-                path="objective",
-            )
+        wrong: list[InvalidProblemError] = []
+        self.start = checked_start(self.system.state_space, self.start, wrong)
+        self.goal = checked_goal(self.system, self.goal, "goal", wrong)
+        self.via = self._checked_via(wrong)
+        if self.initial is not None:
+            self.initial = self._checked_initial(wrong)
+        if self.objective not in (known := [objective.name for objective in available(self.system)]):
+            words = f"{self.objective!r} is none of {', '.join(known)}, the objectives of {self.system.model}"
+            wrong.append(InvalidProblemError(words, path="objective"))
         for name in ("error_length", "length_scale"):
             value = getattr(self, name)
             if value is not None and not (np.isfinite(value) and value > 0):
-                raise InvalidProblemError(f"{value:g} is not a length > 0", path=name)
+                wrong.append(InvalidProblemError(f"{value:g} is not a length > 0", path=name))
         if self.samples < 2:
-            raise InvalidProblemError("a trajectory needs at least 2 samples", path="output.samples")
-        if self.initial is not None:
-            self.initial = self._checked_initial()
-        self.via = self._checked_via()
-        self._check_assembly()
-        self._check_bounds()
+            wrong.append(InvalidProblemError("a trajectory needs at least 2 samples", path="output.samples"))
+        refuse(wrong)
+        self._check_room(wrong)
+        self._check_assembly(wrong)
+        self._check_bounds(wrong)
+        refuse(wrong)
+        self.bounds = tuple(self._measured(bound) for bound in self.bounds)
 
-    def _check_assembly(self) -> None:
-        """Whether the machine can be put together at the start, and its goals leave to its joints what they hold."""
-        self._check_room()
+    def _check_assembly(self, wrong: list[InvalidProblemError]) -> None:
+        """Whether the machine can be put together at the start."""
         allowed = ASSEMBLED * max(1.0, self.system.default_length_scale())
         for name, (value, wanted) in self._invariants.items():
             if wanted is not None and not abs(float(value) - wanted) <= allowed:
-                raise InvalidProblemError(
-                    f"{name} is {float(value):.6g} here; the machine's joints hold it at {wanted:g}",
-                    path="start",
-                )
+                words = f"{name} is {float(value):.6g} here; the machine's joints hold it at {wanted:g}"
+                wrong.append(InvalidProblemError(words, path="start"))
 
     @cached_property
     def _invariants(self) -> Mapping[str, tuple[Array, float | None]]:
         return self.system.invariants(self.start_point)
 
-    def _check_room(self) -> None:
+    def _check_room(self, wrong: list[InvalidProblemError]) -> None:
         """A goal that fixes what never changes makes the Jacobian of the end point singular, for every control."""
-        held = len(self._invariants)
-        blocks = [*self.system.state_space.blocks, *self.system.pose_outputs]
+        held, room = len(self._invariants), self.system.state_space.dimension
+        blocks = goal_blocks(self.system)
         for part, goal in (("goal", self.goal), *((f"via[{i}]", via.goal) for i, via in enumerate(self.via))):
-            count, room = (
-                sum(b.dimension for b in blocks if b.name in goal),
-                self.system.state_space.dimension,
-            )
+            count = sum(b.dimension for b in blocks if b.name in goal)
             if held and count > room - held:
                 names = ", ".join(block.name for block in blocks)
-                raise InvalidProblemError(
+                words = (
                     f"fixes {count} numbers, but holonomic joints hold {held} of this machine's {room} as they are, "
-                    f"which leaves {room - held} to choose; ask for fewer of {names}",
-                    path=part,
+                    f"which leaves {room - held} to choose; ask for fewer of {names}"
                 )
+                wrong.append(InvalidProblemError(words, path=part))
 
-    def _checked_via(self) -> tuple[Via, ...]:
+    def _checked_via(self, wrong: list[InvalidProblemError]) -> tuple[Via, ...]:
         """The via poses in the order of time."""
-        found: list[Via] = []
-        for place, via in enumerate(self.via):
-            path = f"via[{place}]"
-            if not 0 < via.share < 1:
-                raise InvalidProblemError(
-                    f"at {via.share:g}; expected a share of the horizon in (0, 1)", path=path
-                )
-            taken = {0.0: "the start is", 1.0: "the goal is"} | {
-                other.share: "another via pose is" for other in found
-            }
-            beside = [words for share, words in taken.items() if abs(via.share - share) < SAME_TIME]
-            if beside:
-                raise InvalidProblemError(f"at {via.share:g}, where {beside[0]} already", path=path)
-            found.append(Via(via.share, checked_goal(self.system, via.goal, path)))
-        return tuple(sorted(found, key=lambda via: via.share))
+        checked: list[Via] = []
+        taken = [0.0, 1.0]  # in order
+        for i, via in enumerate(self.via):
+            at, path = via.share, f"via[{i}]"
+            place = bisect(taken, at)
+            beside = [time for time in taken[max(place - 1, 0) : place + 1] if abs(at - time) < SAME_TIME]
+            if not 0 < at < 1:
+                words = f"{at:g} is not inside the horizon; expected a share between 0 and 1"
+                wrong.append(InvalidProblemError(words, path=f"{path}.at"))
+            elif beside:
+                other = {0.0: "the start", 1.0: "the goal"}.get(beside[0], "another via pose")
+                wrong.append(InvalidProblemError(f"{other} is at {at:g} already", path=f"{path}.at"))
+            taken.insert(place, at)
+            checked.append(Via(at, checked_goal(self.system, via.goal, path, wrong)))
+        return tuple(sorted(checked, key=lambda via: via.share))
 
-    def _checked_initial(self) -> Array:
-        path, inputs = "control.initial", self.system.input_space
+    def _checked_initial(self, wrong: list[InvalidProblemError]) -> Array:
+        path, inputs, functions = "control.initial", self.system.input_space, self.basis.size
         try:
-            coefficients = Control(self.basis, self.initial).coefficients
-        except (TypeError, ValueError) as error:
-            raise InvalidProblemError(str(error), path=path) from error
-        if len(coefficients) != inputs.size:
-            raise InvalidProblemError(
-                f"{len(coefficients)} rows; the system has {inputs.size} inputs "
-                f"({', '.join(inputs.labels)}), one row each",
-                path=path,
-            )
-        if not np.isfinite(coefficients).all():
-            raise InvalidProblemError("NaN or infinity; expected finite numbers", path=path)
-        return coefficients
-
-    def _check_bounds(self) -> None:
-        known = self._quantities()
-        for bound in self.bounds:
-            if bound.quantity not in known:
-                raise InvalidProblemError(
-                    f"no quantity {bound.quantity!r} to bound; there are {', '.join(known)}",
-                    path=f"constraints.{bound.label}",
+            sizes = [len(row) for row in self.initial]
+            rows = [np.array(row, dtype=float) for row in self.initial]
+        except (TypeError, ValueError):
+            words = f"expected one row of numbers per input, got {describe(self.initial)}"
+            wrong.append(InvalidProblemError(words, path=path))
+            return self.initial
+        before = len(wrong)
+        if len(rows) != inputs.size:
+            names = ", ".join(inputs.labels[:6])
+            words = f"{len(rows)} rows; expected {inputs.size}, one per input ({names})"
+            wrong.append(InvalidProblemError(words, path=path))
+        shown = ", ".join(self.basis.labels[:5]) + (", …" if functions > 5 else "")
+        for i, size in enumerate(sizes):
+            if size != functions:
+                words = f"{size} numbers; expected {functions} ({shown})"
+                wrong.append(InvalidProblemError(words, path=f"{path}[{i}]"))
+            elif not np.isfinite(rows[i]).all():
+                wrong.append(
+                    InvalidProblemError("NaN or infinity; expected finite numbers", path=f"{path}[{i}]")
                 )
-        self.bounds = tuple(self._measured(bound) for bound in self.bounds)
+        return self.initial if len(wrong) > before else Control(self.basis, self.initial).coefficients
+
+    @cached_property
+    def quantities(self) -> list[tuple[str, Block]]:
+        """What a trajectory consists of, as `systems.quantities`."""
+        return quantities(self.system, self.start_point)
+
+    def _check_bounds(self, wrong: list[InvalidProblemError]) -> None:
+        blocks = {block.name: block for _, block in self.quantities}
+        known = [block.name for block in blocks.values() if _may_be_bounded(block)]
+        for bound in self.bounds:
+            path, block = f"constraints.{bound.label}", blocks.get(bound.quantity)
+            if block is not None and block.kind == "rotation":
+                words = f"a rotation cannot be bounded; bound one of {', '.join(known)}"
+                wrong.append(InvalidProblemError(words, path=path, at_key=True))
+            elif block is None or not _may_be_bounded(block):
+                words = f"unknown quantity {bound.quantity!r}"
+                wrong.append(InvalidProblemError(words, path=path, word=bound.quantity, known=known))
+            elif words := bound.misfit(block.shape):
+                wrong.append(InvalidProblemError(words, path=path))
 
     def _measured(self, bound: Bound) -> Bound:
         """With the scale of its quantity: by unit for states and inputs, else by what these change of it."""
@@ -230,30 +259,29 @@ class PlanningProblem(Frozen):
         """How much an output changes, to first order about the start, when states and inputs do by their scales."""
         scales, space = self.scales, self.system.state_space
         still, changed = np.zeros(self.system.input_space.size), []
-        here = np.asarray(self.system.output(name, self.start_point, still), dtype=float)
-        for step in NUDGE * np.diag(scales.states):
-            moved = np.asarray(space.retract(self.start_point, step))
-            changed.append(self.system.output(name, moved, still) - here)
-        for step in NUDGE * np.diag(scales.inputs):
-            changed.append(self.system.output(name, self.start_point, step) - here)
+        try:
+            here = np.asarray(self.system.output(name, self.start_point, still), dtype=float)
+            for step in NUDGE * np.diag(scales.states):
+                moved = np.asarray(space.retract(self.start_point, step))
+                changed.append(self.system.output(name, moved, still) - here)
+            for step in NUDGE * np.diag(scales.inputs):
+                changed.append(self.system.output(name, self.start_point, step) - here)
+        except np.linalg.LinAlgError:  # it has no size where the machine is singular
+            return 1.0
         size = np.abs(np.array(changed, dtype=float)).sum(axis=0).max(initial=0.0) / NUDGE
         largest = float(np.abs(here).max(initial=0.0))
         return next((float(s) for s in (size, largest) if np.isfinite(s) and s > 0), 1.0)
 
-    def _quantities(self) -> list[str]:
-        """What may be bounded. Errors: `InvalidProblemError` where two entries of a trajectory have one name."""
-        parts = numeric_system(self.system).quantities
-        check_names(parts)
-        signs = [det(name).name for name in numeric_system(self.system).matrices]
-        return [block.name for _, block in parts if block.name not in signs]
-
     def towards(self, goal: Mapping[str, Any]) -> Self:
         """This problem with another goal; what a goal does not touch is not checked again."""
+        wrong: list[InvalidProblemError] = []
         other = object.__new__(type(self))
-        other.__dict__.update(self.__dict__, goal=checked_goal(self.system, goal, "goal"))
+        other.__dict__.update(self.__dict__, goal=checked_goal(self.system, goal, "goal", wrong))
+        refuse(wrong)
         for name in ("goal_point", "tasks", "scales"):
             other.__dict__.pop(name, None)
-        other._check_room()
+        other._check_room(wrong)
+        refuse(wrong)
         return other
 
     @cached_property
@@ -272,6 +300,8 @@ class PlanningProblem(Frozen):
     @cached_property
     def tasks(self) -> tuple[Task, ...]:
         """What the path must meet, in the order of time; the goal is the last."""
+        from nhpocp.task import Task  # and CasADi, which `check` does without
+
         wanted = [*((via.share, via.goal) for via in self.via), (1.0, self.goal)]
         length = self.scales.length
         return tuple(Task(self.system, goal, share, self.error_length, length) for share, goal in wanted)
@@ -303,74 +333,7 @@ class PlanningProblem(Frozen):
         return Control(self.basis, coefficients, horizon or self.horizon.fixed)
 
 
-def checked_state(space: StateSpace, values: Mapping[str, Any]) -> Mapping[str, Array]:
-    """A value for every block of the start, as `checked_values`."""
-    unknown = [name for name in values if name not in space.names]
-    missing = [name for name in space.names if name not in values]
-    if unknown or missing:
-        raise InvalidProblemError(
-            f"expected all of {', '.join(space.names)}"
-            + (f"; unknown: {', '.join(unknown)}" if unknown else "")
-            + (f"; missing: {', '.join(missing)}" if missing else ""),
-            path="start",
-        )
-    return checked_values(space.blocks, values, "start")
-
-
-def checked_goal(system: System, values: Mapping[str, Any], part: str) -> Mapping[str, Array]:
-    """Values of a goal or via pose: some of the state's blocks and of the system's outputs of the pose."""
-    blocks = [*system.state_space.blocks, *system.pose_outputs]
-    unknown = [name for name in values if name not in [block.name for block in blocks]]
-    if unknown or not values:
-        raise InvalidProblemError(
-            f"expected some of {', '.join(block.name for block in blocks)}"
-            + (f"; unknown: {', '.join(unknown)}" if unknown else ""),
-            path=part,
-        )
-    count, room = sum(b.dimension for b in blocks if b.name in values), system.state_space.dimension
-    if count > room:
-        raise InvalidProblemError(
-            f"fixes {count} numbers of a state that has {room}; leave out one of {', '.join(values)}",
-            path=part,
-        )
-    return checked_values(blocks, values, part)
-
-
-def checked_values(blocks: Sequence[Block], values: Mapping[str, Any], part: str) -> Mapping[str, Array]:
-    """Values per block, frozen, as arrays of the right shape; rotations must be rotations within 1e-6.
-
-    Directions become unit vectors.
-    """
-    checked = {}
-    for block in blocks:
-        if block.name not in values:
-            continue
-        path = f"{part}.{block.name}"
-        try:
-            value = np.array(values[block.name], dtype=float)
-        except (TypeError, ValueError) as error:
-            raise InvalidProblemError(
-                f"expected numbers of shape {block.shape}; {error}", path=path
-            ) from error
-        if value.shape != block.shape:
-            raise InvalidProblemError(f"shape {value.shape}; expected {block.shape}", path=path)
-        if not np.all(np.isfinite(value)):
-            raise InvalidProblemError("NaN or infinity; expected finite numbers", path=path)
-        if block.kind == "rotation":
-            defect = max(np.abs(value @ value.T - np.eye(3)).max(), abs(np.linalg.det(value) - 1))
-            if defect > 1e-6:
-                raise InvalidProblemError(
-                    f"no rotation matrix: RᵀR or det R is off by {defect:.2g}", path=path
-                )
-        if block.kind == "direction":
-            value = _unit(value, path)
-        value.flags.writeable = False
-        checked[block.name] = value
-    return FixedDict(checked)
-
-
-def _unit(value: Array, path: str) -> Array:
-    length = float(np.linalg.norm(value))
-    if length < 1e-9:
-        raise InvalidProblemError("the zero vector; expected a direction", path=path)
-    return value if abs(length - 1) < 1e-15 else value / length  # else it would change each time it is read
+def _may_be_bounded(block: Block) -> bool:
+    """Not a rotation, nor a determinant, whose zero is what counts and whose size nothing."""
+    named = margin(block.name)
+    return block.kind != "rotation" and (named is None or named.kind == "sigma")

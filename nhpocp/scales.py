@@ -2,7 +2,6 @@
 
 A problem in other units is the same problem, with lengths × s and times × τ. Its length and time here are then × s and
 × τ exactly, so that whatever is divided by a scale is the same number in every unit. Solvers work on such numbers only.
-Plain Python where it is made, since `nhpocp check` has to answer before NumPy would have been imported.
 """
 
 from __future__ import annotations
@@ -63,17 +62,6 @@ class Scales:
         import numpy as np
 
         return np.array([self.of(b.unit) for b in self.system.state_space.blocks for _ in range(b.size)])
-
-    def objective(self, name: str) -> float:
-        """Of one of `INTEGRANDS`, integrated over the motion, or of the time."""
-        if name == "time":
-            return self.time
-        if name == "effort":
-            return float(self.time * max(self.inputs, default=0.0) ** 2) or 1.0
-        if name == "leg_effort":
-            return self.length**2 / self.time
-        units = {block.unit for block in self.system.state_space.blocks}
-        return max(self.radius if unit == "angle" else self.of(unit) for unit in units)
 
 
 def natural_scales(

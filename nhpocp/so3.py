@@ -14,10 +14,18 @@ from math import factorial, pi
 from typing import Any
 
 from nhpocp.arrays import Array, cross, dot, namespace, norm
-from nhpocp.errors import OrientationAtPiError
+from nhpocp.errors import InvalidProblemError, OrientationAtPiError, describe
 
 # arcsin(s)/s in powers of s²
 ARCSINE = [1.0, 1 / 6, 3 / 40, 15 / 336, 105 / 3456, 945 / 42240, 10395 / 599040]
+GROUP_TOLERANCE = 1e-6  # how far a matrix or quaternion may be from SO(3)
+ROUNDED = 1e-14  # how far RᵀR is from the unit matrix by rounding alone
+WRITINGS = {
+    "rpy": "[roll, pitch, yaw]",
+    "quaternion": "[w, x, y, z]",
+    "rotvec": "[x, y, z]",
+    "matrix": "[[…], […], […]]",
+}
 SERIES_BELOW = 0.25  # |w|² under which the series are used; their first dropped terms are below 3e-17 there
 
 
@@ -184,14 +192,69 @@ def nearest(matrix: Array) -> Array:
 
 
 def from_mapping(value: Mapping[str, Any]) -> Array:
-    """Rotation written as one of rpy, quaternion, rotvec, matrix (numbers)."""
+    """Rotation written in exactly one of the `WRITINGS` (numbers).
+
+    Errors: `InvalidProblemError`, its path the writing, where there are several or none, or a matrix or quaternion is
+    more than `GROUP_TOLERANCE` off the group; one that is nearer is projected onto it.
+    """
     import numpy as np
 
-    makers = {
-        "rpy": from_rpy,
-        "quaternion": lambda q: from_quaternion(q / np.linalg.norm(q)),
-        "rotvec": exp,
-        "matrix": nearest,
-    }
-    ((kind, numbers),) = value.items()
-    return makers[kind](np.asarray(numbers, dtype=float))
+    ways = ", ".join(f"{name}: {form}" for name, form in WRITINGS.items())
+    given = [name for name in WRITINGS if name in value]
+    if len(given) != 1 or len(value) != 1:
+        came = f"both {given[0]} and {given[1]}" if given[1:] else ", ".join(map(str, value)) or "no rotation"
+        path = given[1] if given[1:] else None
+        raise InvalidProblemError(
+            f"{came}; expected exactly one of {ways}", path=path, at_key=bool(given[1:])
+        )
+    name = given[0]
+    try:
+        numbers = np.array(value[name], dtype=float)
+        shape = {"quaternion": (4,), "matrix": (3, 3)}.get(name, (3,))
+        if numbers.shape != shape or not np.isfinite(numbers).all():
+            raise ValueError
+    except (TypeError, ValueError):
+        words = f"expected finite numbers {WRITINGS[name]}, got {describe(value[name])}"
+        raise InvalidProblemError(words, path=name) from None
+    makers = {"rpy": from_rpy, "quaternion": _of_quaternion, "rotvec": exp, "matrix": on_group}
+    try:
+        with np.errstate(over="ignore", invalid="ignore"):
+            rotation = makers[name](numbers)
+    except InvalidProblemError as error:
+        raise error.under(name) from None
+    if not np.isfinite(rotation).all():
+        raise InvalidProblemError("numbers too large for a rotation", path=name)
+    return rotation
+
+
+def _of_quaternion(quaternion: Array) -> Array:
+    size = float(norm(quaternion))
+    if abs(size - 1) > GROUP_TOLERANCE:
+        near = f"; write [{', '.join(f'{x / size:.9g}' for x in quaternion)}]" if size > 1e-6 else ""
+        raise InvalidProblemError(
+            f"its norm {size:.9g} is off by {abs(size - 1):.2g}; expected a unit quaternion [w, x, y, z]{near}"
+        )
+    return from_quaternion(quaternion / size)
+
+
+def on_group(matrix: Array) -> Array:
+    """The rotation nearest to a matrix of numbers that is one within `GROUP_TOLERANCE`; one to rounding stays as it is.
+
+    Errors: `InvalidProblemError` for other matrices.
+    """
+    import numpy as np
+
+    with np.errstate(over="ignore", invalid="ignore"):
+        off = float(np.abs(matrix.T @ matrix - np.eye(3)).max())
+        determinant = float(np.linalg.det(matrix))
+    if off <= 10 * GROUP_TOLERANCE and determinant < 0:
+        raise InvalidProblemError(f"a reflection, det R = {determinant:.6g}; expected a rotation, det R = 1")
+    if off <= 10 * GROUP_TOLERANCE:  # near enough for its nearest rotation to mean something
+        rotation = matrix if off <= ROUNDED else nearest(matrix)
+        off = float(np.abs(matrix - rotation).max())
+        if off <= GROUP_TOLERANCE:
+            return rotation
+    raise InvalidProblemError(
+        f"no rotation matrix: RᵀR is off the unit matrix by {off:.2g}, det R = {determinant:.6g}; "
+        "expected the rows of a rotation, or rpy: [roll, pitch, yaw]"
+    )

@@ -11,7 +11,7 @@ import numpy as np
 
 from nhpocp import so3
 from nhpocp.arrays import Array
-from nhpocp.constraints import BoundReport
+from nhpocp.constraints.bound import BoundReport
 from nhpocp.controls.control import Control
 from nhpocp.deferred import extended
 from nhpocp.problem import PlanningProblem
@@ -247,8 +247,8 @@ def telling(progress: Progress | None, **more: Any) -> Progress | None:
     return lambda record: listener(extended(record, **more))
 
 
-class Solver(Protocol):
-    """A way to solve a `PlanningProblem`."""
+class Method(Protocol):
+    """What a Solution says of the solver that made it."""
 
     name: ClassVar[str]
 
@@ -260,6 +260,10 @@ class Solver(Protocol):
     def settings(self) -> dict[str, Any]:
         """Every setting as plain data, under the problem file's names."""
         ...
+
+
+class Solver(Method, Protocol):
+    """A way to solve a `PlanningProblem`."""
 
     def solve(self, problem: PlanningProblem, progress: Progress | None = None) -> Solution:
         """A Solution whatever happens: failures are outcomes, not exceptions; Ctrl-C becomes `interrupted`."""

@@ -14,7 +14,7 @@ from typing import Any, ClassVar, Literal
 
 from nhpocp import so3
 from nhpocp.arrays import Array, namespace, norm
-from nhpocp.errors import InvalidProblemError
+from nhpocp.errors import InvalidProblemError, describe
 from nhpocp.frozen import Frozen
 
 Kind = Literal["vector", "scalar", "rotation", "direction", "matrix"]
@@ -56,6 +56,41 @@ class Block:
         """Shape of the block's value."""
         shapes = {"scalar": (), "rotation": (3, 3), "direction": (3,), "matrix": (self.rows, self.components)}
         return shapes.get(self.kind, (self.components,))
+
+    @property
+    def written(self) -> str:
+        """How a value is written, in messages."""
+        kinds = {"rotation": "{rpy: [roll, pitch, yaw]}", "direction": "[x, y, z]", "scalar": "number"}
+        return kinds.get(self.kind, f"[{self.components} numbers]")
+
+    def checked(self, value: Any) -> Array:
+        """A value for this block as numbers of its `shape`, as problem files write it or as an array.
+
+        Rotations are made exact, directions unit vectors. Errors: `InvalidProblemError`, its path inside the value.
+        """
+        import numpy as np
+
+        if self.kind == "rotation" and isinstance(value, Mapping):
+            return so3.from_mapping(value)
+        try:
+            numbers = np.array(value, dtype=float)
+        except (TypeError, ValueError):
+            raise InvalidProblemError(f"expected {self.written}, got {describe(value)}") from None
+        if numbers.shape != self.shape:
+            if len(self.shape) == 1 == numbers.ndim:
+                raise InvalidProblemError(f"{len(numbers)} numbers; expected {self.shape[0]}")
+            raise InvalidProblemError(f"expected {self.written}, got {describe(value)}")
+        if not np.isfinite(numbers).all():
+            raise InvalidProblemError("NaN or infinity; expected finite numbers")
+        if self.kind == "rotation":
+            return so3.on_group(numbers)
+        if self.kind == "direction":
+            length = float(norm(numbers))
+            if length < 1e-9:
+                raise InvalidProblemError("the zero vector; expected a direction")
+            # else it would change each time it is read
+            return numbers if abs(length - 1) < 1e-15 else numbers / length
+        return numbers
 
     @property
     def labels(self) -> list[str]:

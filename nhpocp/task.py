@@ -95,9 +95,9 @@ class Task:
         """
         parts = []
         if self._fixed.blocks:
-            found, angles = call(self._difference, point, self._wanted)
+            error, angles = call(self._difference, point, self._wanted)
             _refuse_half_turn(angles)
-            parts.append(found.ravel())
+            parts.append(error.ravel())
         for output in self.outputs:
             parts.append(self._output_error(output, _observed(self.system, output.name, point)[0]))
         return np.concatenate(parts) if len(parts) > 1 else parts[0]
@@ -147,7 +147,7 @@ class Task:
 
         Dimensionless, and rational where e is not: tan(φ/2) for the angle φ of a direction.
         """
-        xp, found = namespace(state), []
+        xp, equations = namespace(state), []
         control = xp.array([0.0] * self.system.input_space.size)
         for output in self.outputs:
             value = self.system.output(output.name, state, control)
@@ -156,12 +156,12 @@ class Task:
                 value = xp.array(_plane(wanted).T) @ so3.gibbs_between(xp.array(wanted), value)
             else:
                 value = value - xp.array(wanted)
-            found += [value[i] for i in range(output.dimension)]
+            equations += [value[i] for i in range(output.dimension)]
         scales = self.scales[len(self.rows) :]
-        return [scale * value for scale, value in zip(scales, found, strict=True)]
+        return [scale * value for scale, value in zip(scales, equations, strict=True)]
 
     def equations(self, state: Array) -> list[Array]:
-        """The same for all of e, with Gibbs vectors for the blocks' rotations."""
+        """Expressions that vanish exactly where e does, with Gibbs vectors of rotations; `output_equations` last."""
         space, blocks = self._fixed, []
         if space.blocks:
             local = space.coordinates(_part(self.space, space, state), namespace(state).array(self._wanted))
@@ -181,9 +181,14 @@ class AlikeTasks:
         """e (k, size), unweighted, of the tasks at these places, each at its point (k, n); which have one, (k,)."""
         lanes = np.arange(1 << (len(self._wanted) - 1).bit_length())  # so that few functions serve any number
         padded = (rows.take(lanes, axis=0, mode="wrap") for rows in (points, self._wanted[places]))
-        found, angles = call(side_by_side(self.first._difference, len(lanes)), *padded)
+        errors, angles = call(side_by_side(self.first._difference, len(lanes)), *padded)
         single = (angles[: len(places)] <= np.pi - HALF_TURN_WITHIN).all(axis=1)
-        return found[: len(places)], single
+        return errors[: len(places)], single
+
+    def errors(self, places: Array, points: Array) -> Array:
+        """E of the tasks at these places, each at its point (k, n); infinite where it has none."""
+        differences, single = self.differences(places, points)
+        return np.where(single, np.linalg.norm(self.first.weights * differences, axis=1), np.inf)
 
 
 def total_error(tasks: Iterable[Task], points: Iterable[Array]) -> float:

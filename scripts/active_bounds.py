@@ -24,7 +24,7 @@ import numpy as np
 from goals import paper_task, reachable_goals
 
 from nhpocp.arrays import Array
-from nhpocp.constraints import Bound, bound_rows
+from nhpocp.constraints.bound import Bound, bound_rows
 from nhpocp.controls.control import Control
 from nhpocp.controls.piecewise_constant import PiecewiseConstant
 from nhpocp.flow.compiled.kernels import Compiled, CompiledWhenReady, Interpreted, Kernels

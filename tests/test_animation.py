@@ -79,8 +79,29 @@ def test_panels_hold_the_stored_numbers():
     for i, curve in enumerate(panels["leg_lengths"]["curves"]):
         np.testing.assert_allclose(curve["y"], crossing().trajectory["leg_lengths"][:, i], rtol=1e-5)
     labels = [curve["label"] for curve in panels["margins"]["curves"]]
-    assert labels == ["<i>σ</i><sub>min</sub>(S)", "<i>σ</i><sub>min</sub>(W)"]
-    assert [mark["which"] for mark in panels["margins"]["marks"]] == ["det_w", "det_w"]
+    assert labels == ["<i>σ</i><sub>min</sub>(<i>S</i>)", "<i>σ</i><sub>min</sub>(<i>W</i>)"]
+    assert [mark["words"] for mark in panels["margins"]["marks"]] == ["det W = 0"] * 2
+
+
+def test_every_panel_says_its_units():
+    def titles(page):
+        return {panel["name"]: panel["words"] for panel in data_of(page)["runs"][0]["panels"]}
+
+    robot = titles(two())
+    assert robot["u"] == "leg speed u [length per unit time]"
+    assert robot["joint_angles 1"] == "joint angle θ₁ [rad]"
+    assert robot["platform_normal"] == "platform normal"
+    assert {"joint_angles 2", "joint_angles 3"} < set(robot)
+    for name, unit in (
+        ("controls", "rad per unit time"),
+        ("leg_lengths", "length"),
+        ("error position", "length"),
+    ):
+        assert robot[name].endswith(f"[{unit}]")
+    page = render(entries(of_library("unicycle")))
+    assert titles(page)["state angle"] == "state θ [rad]"
+    controls = data_of(page)["runs"][0]["panels"][0]["curves"]  # of different units: each says its own
+    assert [curve["unit"] for curve in controls] == ["length per unit time", "rad per unit time"]
 
 
 def test_crossings_are_marked_in_time_and_in_space():

@@ -14,7 +14,7 @@ from conftest import PAPER_START, paper_problem
 from nhpocp import planning
 from nhpocp.cli.entry import status
 from nhpocp.comparison_folder import load_comparison
-from nhpocp.constraints import Bound
+from nhpocp.constraints.bound import Bound
 from nhpocp.controls.control import Control
 from nhpocp.errors import UnreadableSolutionError
 from nhpocp.problem import Horizon

@@ -11,9 +11,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from nhpocp import errors
 from nhpocp.errors import InvalidProblemError
-from nhpocp.problem_file import issues, load_problem, read, read_text
-from nhpocp.problem_file.schema import SAME_TIME, _at_once
+from nhpocp.problem import SAME_TIME
+from nhpocp.problem_file import load_problem, read, read_text
 
 GOOD = """\
 nhpocp: 1
@@ -282,9 +283,9 @@ MANY = {  # of one thing
 def test_the_work_on_mistakes_grows_with_their_number_alone(name, monkeypatch) -> None:
     """Names are compared for the one that is told, and keys and times are looked up, not searched for."""
     text, words = MANY[name]
-    compared, match = [], issues.difflib.get_close_matches
+    compared, match = [], errors.difflib.get_close_matches
     monkeypatch.setattr(
-        issues.difflib,
+        errors.difflib,
         "get_close_matches",
         lambda *given, **how: compared.append(given) or match(*given, **how),
     )
@@ -299,12 +300,19 @@ def test_a_long_list_of_keys_is_refused_like_one_of_values() -> None:
         assert "expands to more than 50000 keys and values" in refusal(text).message
 
 
-def test_via_poses_at_the_time_of_an_earlier_one_are_found_in_any_order() -> None:
+def test_via_poses_at_one_time_are_found_in_any_order_and_named_as_the_file_has_them() -> None:
     close, apart = SAME_TIME * 0.9, SAME_TIME * 1.1
-    for times, found in (
+    for times, later in (
         ([0.5, 0.2, 0.5 + close], [2]),
-        ([0.5, 0.5 - close, 0.5 + apart], [1]),
+        ([0.5, 0.5 - close, 0.5 + apart], [0]),  # of two the later in time
         ([0.3, 0.1, 0.2, 0.1, 0.3, 0.3], [3, 4, 5]),
         ([0.1, 0.1 + apart, 0.1 - apart], []),
+        ([0.5, close], [1]),
     ):
-        assert [issue.path[0] for issue in _at_once(times)] == found
+        via = "".join(f"- {{at: {time!r}, position: [0, 0, 30]}}\n" for time in times)
+        if later:
+            error = refusal(f"{GOOD}via:\n{via}")
+            assert error.path == f"via[{min(later)}].at"
+            assert error.message.endswith("more)") == (len(later) > 1)
+        else:
+            read_text(f"{GOOD}via:\n{via}")

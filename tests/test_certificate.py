@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from conftest import paper_problem
 
-from nhpocp.constraints import Bound
+from nhpocp.constraints.bound import Bound
 from nhpocp.flow.compiled.kernels import Interpreted
 from nhpocp.solvers.nlp.guesses import ProblemGuess, make_guess
 from nhpocp.solvers.nlp.kkt_residuals import kkt_residuals

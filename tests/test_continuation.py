@@ -5,7 +5,7 @@ import pytest
 from conftest import PAPER_START, Integrators, Runaway, paper_problem, yaw
 
 from nhpocp import planning
-from nhpocp.constraints import Bound
+from nhpocp.constraints.bound import Bound
 from nhpocp.controls.fourier import Fourier
 from nhpocp.errors import InvalidProblemError
 from nhpocp.flow.end_point_map import VariationalEndPointMap

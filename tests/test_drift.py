@@ -15,7 +15,7 @@ from ferry import Ferry
 
 import nhpocp
 from nhpocp import so3
-from nhpocp.constraints import Bound
+from nhpocp.constraints.bound import Bound
 from nhpocp.flow.simulation import simulate
 from nhpocp.problem import Horizon, PlanningProblem, Via
 from nhpocp.problem_file.building import build_solver

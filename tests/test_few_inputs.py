@@ -13,7 +13,7 @@ from conftest import yaw
 
 import nhpocp
 from nhpocp.arrays import namespace
-from nhpocp.constraints import Bound
+from nhpocp.constraints.bound import Bound
 from nhpocp.controls.bspline import BSpline
 from nhpocp.controls.control import Control
 from nhpocp.controls.fourier import Fourier

@@ -17,19 +17,21 @@ from scipy.integrate import solve_ivp
 
 from nhpocp import so3
 from nhpocp.comparison import Entry
-from nhpocp.constraints import Bound, check_bounds
+from nhpocp.constraints.bound import Bound, check_bounds
 from nhpocp.controls.control import Control
 from nhpocp.controls.fourier import Fourier
-from nhpocp.problem import PlanningProblem
+from nhpocp.problem import PlanningProblem, Via
 from nhpocp.problem_file import load_problem
 from nhpocp.solution import Crossing, Outcome, Solution, Verdict
 from nhpocp.state_space import StateSpace, rotation, scalar, vector
 from nhpocp.systems.numeric import NumericSystem
 from nhpocp.systems.system import System
 from nhpocp.systems.three_upu import ThreeUPU
-from nhpocp.views import drawing, plots
+from nhpocp.views import drawing, panels
 from nhpocp.views.figures import FIGURES, write_pictures
+from nhpocp.views.finite_path import path_of
 from nhpocp.views.overlays import overlays
+from nhpocp.views.records import step_sums
 from nhpocp.views.style import DOTS_PER_INCH, PANEL, plain_words, symbol
 
 FINAL = [  # physics, section 2: the preset `default` after (17) with gamma = 0.1
@@ -321,7 +323,13 @@ def test_half_turn_exactly_at_a_sample_is_undefined() -> None:
     trajectory = {"t": np.array([0.0, 1.0]), "orientation": np.array([np.diag([-1.0, -1.0, 1.0]), np.eye(3)])}
     solution = replace(spinner(), trajectory=trajectory)
     block = solution.problem.system.state_space.blocks[0]
-    assert np.isnan(plots.relative_values(solution, block)).tolist() == [[True] * 3, [False] * 3]
+    assert np.isnan(panels.relative_values(solution, block)).tolist() == [[True] * 3, [False] * 3]
+
+
+def test_a_via_pose_is_marked() -> None:
+    via = [Via(0.25, {"position": [0, 0, 30]})]
+    figure = FIGURES["relative_pose"](replace(good(), problem=replace(good().problem, via=via)))
+    assert [lines_of(axes)["via pose"].get_xdata()[0] for axes in figure.axes] == [0.25, 0.25]
 
 
 def test_convergence_shows_records_theory_and_tolerance() -> None:
@@ -347,7 +355,7 @@ def test_convergence_with_steps_of_their_own(gamma: float) -> None:
         {"k": 1, "error": 0.4, "gamma": gamma},
         {"k": 2, "error": 0.3, "gamma": 0.2},
     ]
-    theta, log_product = plots.step_sums(replace(good(), iterations=records)) or (None, None)
+    theta, log_product = step_sums(replace(good(), iterations=records)) or (None, None)
     np.testing.assert_allclose(theta, [0, gamma, gamma + 0.2])
     np.testing.assert_allclose(np.exp(log_product), [1, 1 - gamma, (1 - gamma) * 0.8], atol=1e-12)
 
@@ -377,7 +385,7 @@ def test_what_overflowed_without_nan_is_cut_too() -> None:
     position = np.array(good().trajectory["position"])
     position[150:] = 1e200
     solution = replace(good(), trajectory={**good().trajectory, "position": position})
-    assert plots.path_of(solution).samples == 150
+    assert path_of(solution).samples == 150
 
 
 def test_margins_show_singular_values_and_crossings() -> None:
@@ -386,7 +394,7 @@ def test_margins_show_singular_values_and_crossings() -> None:
     np.testing.assert_array_equal(drawn, good().trajectory["sigma_w"])
     assert "singularity" not in words_of(FIGURES["margins"](good()))
 
-    times = plots.crossing_times(crossing())["det_w"]
+    times = panels.crossing_times(crossing())["det_w"]
     assert times
     assert "Parallel singularity" in words_of(FIGURES["margins"](crossing()))
     told = Verdict(None, True, "test", crossings=[Crossing("det_w", 0.5395, {}, True)])
@@ -479,14 +487,14 @@ def test_a_failure_shows_every_evaluation_and_what_was_refused() -> None:
     assert any(list(line.get_xdata()) == [2.5, 2.5] for line in errors.get_lines())  # between the tries
     assert set(lines_of(margins)) == {r"$\sigma_{\min}(J)$", r"$\sigma_{\min}(S)$", r"$\leq$"}
     marks = lines_of(path)[r"$\det\,W$ $= 0$"].get_xdata()
-    np.testing.assert_allclose(marks, plots.crossing_times(tries())["det_w"])
+    np.testing.assert_allclose(marks, panels.crossing_times(tries())["det_w"])
 
 
 def test_the_convergence_of_several_tries_is_that_of_the_best() -> None:
     lines = lines_of(FIGURES["convergence"](tries()).axes[0])
     assert lines[r"error $\mathcal{E}$"].get_xydata().tolist() == [[0, 1.5], [1, 0.5], [2, 0.4]]
     assert lines["trial"].get_xydata().tolist() == [[1, 2.5]]
-    theta, _ = plots.step_sums(tries()) or (None, None)
+    theta, _ = step_sums(tries()) or (None, None)
     np.testing.assert_allclose(theta, [0, 0.5, 1])  # of accepted steps alone
 
 
@@ -499,8 +507,8 @@ def test_a_broken_bound_is_drawn_with_its_limit_and_its_worst_place() -> None:
     drawn = good().trajectory["leg_lengths"][:, report.component[0]]
     np.testing.assert_array_equal(lines_of(legs)[name].get_ydata(), drawn)
     assert {20.0, 36.0} <= {float(line.get_ydata()[0]) for line in legs.get_lines() if len(line.get_ydata())}
-    assert legs.get_ylabel() == "leg length $l$"
-    assert clearance.get_ylabel() == r"clearance $\sigma_{\min}(W)$"
+    assert legs.get_ylabel() == "leg length $l$ [length]"
+    assert clearance.get_ylabel() == r"clearance $\sigma_{\min}(W)$ [–]"
     assert other.value < 2.0
 
 
@@ -524,18 +532,11 @@ def test_what_was_never_tried_shows_its_two_ends() -> None:
     assert start * end < 0
 
 
-def test_two_solutions_share_axes() -> None:
-    axes = Figure().add_subplot()
-    plots.plot_convergence(axes, good(), "jacobian", references=False)
-    plots.plot_convergence(axes, single(), "other", references=False, color="black")
-    assert sum(name.endswith(r"error $\mathcal{E}$") for name in lines_of(axes)) == 2
-
-
 @pytest.mark.parametrize(
     ("name", "index", "expected"),
     [
         ("v", 0, "$v_{1}$"),
-        ("position", 2, "$p_{3}$"),
+        ("p", 2, "$p_{3}$"),
         ("u1", None, "$u_{1}$"),
         ("theta0_dot", None, r"$\dot{\theta}_{0}$"),
         ("omega_z", None, r"$\omega_{z}$"),
@@ -544,7 +545,7 @@ def test_two_solutions_share_axes() -> None:
     ],
 )
 def test_symbols(name: str, index: int | None, expected: str) -> None:
-    assert symbol(name, index) == expected
+    assert symbol(name, *([] if index is None else [index])) == expected
 
 
 @pytest.mark.parametrize(
@@ -576,7 +577,7 @@ def of_library(stem: str) -> Solution:
 )
 def test_the_path_is_that_of_the_point_which_the_system_names(stem: str) -> None:
     solution = of_library(stem)
-    path, system = plots.path_of(solution), solution.problem.system
+    path, system = path_of(solution), solution.problem.system
     points = drawing.path_points(solution, path)
     first = np.asarray(system.drawing(solution.problem.start_point)["trace"])
     assert points.shape == (len(path.times), len(first))

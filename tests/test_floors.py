@@ -141,7 +141,7 @@ def test_heavy_libraries_stay_in_their_rooms(module):
 
 
 @pytest.mark.skipif("problem_file" not in MODULES, reason="no problem_file yet")
-def test_checking_a_problem_file_loads_neither_numpy_nor_casadi():
+def test_checking_a_problem_file_loads_no_casadi():
     files = [str(path) for path in sorted((ROOT.parent / "problems").glob("*.yaml"))]
     if not files or not hasattr(importlib.import_module("nhpocp.problem_file"), "read"):
         pytest.skip("nothing to read yet")
@@ -150,6 +150,6 @@ def test_checking_a_problem_file_loads_neither_numpy_nor_casadi():
         "from nhpocp.problem_file import read\n"
         "for file in sys.argv[1:]:\n"
         "    read(file)\n"
-        "assert not {'numpy', 'casadi', 'scipy', 'matplotlib'} & set(sys.modules), 'a heavy library was loaded'\n"
+        "assert not {'casadi', 'scipy', 'matplotlib'} & set(sys.modules), 'a heavy library was loaded'\n"
     )
     subprocess.run([sys.executable, "-c", code, *files], check=True)

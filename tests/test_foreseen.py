@@ -7,7 +7,7 @@ import pytest
 from conftest import Integrators, paper_problem
 
 import nhpocp
-from nhpocp.constraints import Bound
+from nhpocp.constraints.bound import Bound
 from nhpocp.flow.compiled.kernels import Interpreted
 from nhpocp.foreseen import contradiction, endless
 from nhpocp.problem import Horizon, PlanningProblem

@@ -19,7 +19,7 @@ from nhpocp import (
     scalar,
     vector,
 )
-from nhpocp.constraints import Bound
+from nhpocp.constraints.bound import Bound
 from nhpocp.problem_file.registry import SYSTEMS, system_class
 from nhpocp.systems.heisenberg import Heisenberg
 from nhpocp.systems.numeric import numeric_system

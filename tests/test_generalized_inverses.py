@@ -151,7 +151,7 @@ def test_lagrangian_step_is_the_minimiser_of_its_integral(via):
     P = np.einsum("ij,kf->kijf", np.eye(3), problem.basis.table(times, 1.0)).reshape(801, 3, -1)
     integrand = np.einsum("kia,ij,kjb->kab", M, Q, M) + np.einsum("kia,ij,kjb->kab", P, R, P)
     W = np.trapezoid(integrand, times, axis=0)
-    J, e = residual.jacobian, found.vector
+    J, e = residual.jacobian, found.residual
     conditions = np.block([[W, J.T], [J, np.zeros((len(e), len(e)))]])
     exact = np.linalg.solve(conditions, np.concatenate([np.zeros(15), -e]))[:15]
     step = found.direction.step

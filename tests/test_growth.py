@@ -17,7 +17,7 @@ from nhpocp.analysis.growth import Fields, Scales, filtration, rank_losses
 from nhpocp.analysis.spectrum import Spectrum
 from nhpocp.analysis.verdict import Reserve, pieces_of, verdict
 from nhpocp.arrays import namespace
-from nhpocp.constraints import Bound
+from nhpocp.constraints.bound import Bound
 from nhpocp.problem import PlanningProblem
 from nhpocp.problem_file.registry import system_class
 from nhpocp.state_space import StateSpace, scalar

@@ -19,7 +19,6 @@ from nhpocp.solvers.nlp.guesses import (
     StraightGuess,
     follow,
     make_guess,
-    starting_horizon,
 )
 from nhpocp.systems.three_upu import ThreeUPU
 
@@ -85,7 +84,7 @@ def test_a_straight_guess_follows_the_geodesic_as_well_as_the_system_can(problem
 )
 def test_a_free_horizon_starts_inside_its_range(horizon, expected):
     problem = paper_problem(horizon=horizon)
-    assert starting_horizon(problem) == expected
+    assert problem.horizon.first == expected
     assert make_guess(ProblemGuess(), problem, None, 4, 0).control.horizon == expected
     assert make_guess(ProblemGuess(), problem, None, 4, 1).control.horizon == expected
 

@@ -7,7 +7,7 @@ import pytest
 from conftest import PAPER_START, paper_problem
 
 from nhpocp import planning, so3
-from nhpocp.constraints import Bound
+from nhpocp.constraints.bound import Bound
 from nhpocp.controls.fourier import Fourier
 from nhpocp.controls.piecewise_constant import PiecewiseConstant
 from nhpocp.flow.dynamics import Dynamics

@@ -16,6 +16,7 @@ import nhpocp
 from nhpocp.calls import accumulated, call, mapped, side_by_side
 from nhpocp.flow.dynamics import dynamics
 from nhpocp.flow.runge_kutta import scheme
+from nhpocp.flow.tableau import CLASSICAL
 from nhpocp.kept import Kept, kept, let_go
 from nhpocp.problem_file import parse_problem
 from nhpocp.problem_file.registry import SYSTEMS
@@ -136,7 +137,7 @@ def test_a_system_takes_along_all_that_was_made_for_it(model):
         nhpocp.MultipleShooting(intervals=3, steps_per_interval=1, optimizer=Ipopt(max_iterations=2)),
     ):
         nhpocp.solve(problem.with_(samples=5), solver)
-    steps = scheme(dynamics(system))
+    steps = scheme(dynamics(system), CLASSICAL)
     gone = [ref(system), ref(numeric_system(system)), ref(numeric_system(system).rate_function), ref(steps)]
     gone += [ref(made) for made in vars(system)[f"{interval.__name__}._made, kept"].values()]
     assert len(gone) > 4

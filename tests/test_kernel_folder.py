@@ -13,7 +13,7 @@ import pytest
 
 from nhpocp import provenance
 from nhpocp.flow.compiled import kernel_build, kernel_cache, kernel_folder
-from nhpocp.flow.compiled.kernel_cache import Place
+from nhpocp.flow.compiled.kernel_cache import Place, Recipe
 
 needs_compiler = pytest.mark.skipif(not provenance.c_compiler(), reason="no C compiler")
 KERNEL = b"what would be run"
@@ -38,12 +38,12 @@ def loaded():
     return []
 
 
-def place_of(loaded) -> Place:
+def recipe(loaded) -> Recipe:
     def load(path: Path) -> bytes:
         loaded.append(path)
         return path.read_bytes()
 
-    return Place(lambda: "identity", lambda: "int a;", load)
+    return Recipe(lambda: "identity", lambda: "int a;", load, lambda _: True)
 
 
 def stored(folder: Path, content: bytes = KERNEL) -> Path:
@@ -55,8 +55,8 @@ def stored(folder: Path, content: bytes = KERNEL) -> Path:
 
 
 def looked(loaded) -> Place:
-    place = place_of(loaded)
-    place.look(lambda _: True, 0.0)
+    place = Place()
+    place.look(recipe(loaded), 0.0)
     return place
 
 
@@ -122,9 +122,9 @@ def test_a_folder_that_others_can_change_is_not_used(spoil, cache, loaded, caplo
     workshop = cache / f"{kernel_build.BUILDING}{kernel.name[:32]}"
     workshop.mkdir()
     spoil(cache, monkeypatch)
-    place = place_of(loaded)
+    place = Place()
     place.seconds = 1.0
-    place.look(lambda _: True, 0.0)
+    place.look(recipe(loaded), 0.0)
     place.get(lambda _: True)
     assert loaded == []
     assert place.kernel is None
@@ -182,7 +182,7 @@ def test_a_file_that_others_can_change_is_removed_and_built_anew(spoil, cache, l
     assert not kernel.exists()
     assert [record.message.count("was removed") for record in caplog.records] == [1]
     assert (cache.parent / "elsewhere").exists() == (spoil is linked)
-    place_of(loaded).get(lambda _: True)
+    Place().get(recipe(loaded))
     assert len(loaded) == 1
     assert loaded[0].read_bytes() != KERNEL
 
@@ -208,8 +208,8 @@ def test_what_is_built_is_ours_alone_under_every_umask(umask, tmp_path, loaded, 
     monkeypatch.setenv("NHPOCP_CACHE", str(folder))
     before = os.umask(umask)
     try:
-        place_of(loaded).get(lambda _: True)
-        place_of(loaded).get(lambda _: True)
+        Place().get(recipe(loaded))
+        Place().get(recipe(loaded))
     finally:
         os.umask(before)
     assert len(loaded) == 2
@@ -235,9 +235,9 @@ def test_nothing_is_removed_through_a_link(cache, precious, loaded, monkeypatch)
     monkeypatch.setattr(kernel_cache.subprocess, "Popen", lambda command, **_: begun.append(command))
     link = cache / f"{kernel_build.BUILDING}{kernel_cache._key('identity')}"
     link.symlink_to(precious)
-    place = place_of(loaded)
+    place = Place()
     place.seconds = 1.0
-    place.look(lambda _: True, 0.0)
+    place.look(recipe(loaded), 0.0)
     assert len(begun) == 1
     assert not link.is_symlink()  # it would be in the way for good
     for name in (link.name, f"{kernel_build.BUILDING}other", stored(cache).name):
@@ -264,12 +264,12 @@ def test_a_kernel_that_cannot_be_loaded_is_told_once_and_built_anew(cache, loade
     def unloadable(path):
         raise OSError("invalid ELF header")
 
-    Place(lambda: "identity", lambda: "int a;", unloadable).get(lambda _: True)
+    Place().get(recipe(loaded)._replace(loaded=unloadable))
     assert "cannot be loaded and was removed" in caplog.text
     assert not kernel.exists()
     caplog.clear()
     for _ in range(2):
-        place_of(loaded).get(lambda _: True)
+        Place().get(recipe(loaded))
     assert len(loaded) == 2
     assert caplog.text == ""
 
@@ -280,7 +280,7 @@ def test_where_nothing_may_be_run_nothing_is_built(cache, loaded, caplog, monkey
         f_flag = os.ST_NOEXEC
 
     monkeypatch.setattr(os, "statvfs", lambda path: NoExec)
-    place_of(loaded).get(lambda _: True)
+    Place().get(recipe(loaded))
     assert "noexec" in caplog.text
     assert list(cache.iterdir()) == []
 

@@ -16,18 +16,19 @@ from conftest import Integrators, paper_problem
 
 from nhpocp import provenance
 from nhpocp.batch import plan_many
-from nhpocp.constraints import Bound
+from nhpocp.constraints.bound import Bound
 from nhpocp.controls.fourier import Fourier
 from nhpocp.controls.piecewise_constant import PiecewiseConstant
 from nhpocp.errors import MissingDependencyError
-from nhpocp.flow.compiled import bundle_source, kernel_build, kernel_cache, kernels, shot_source, sweep_source
+from nhpocp.flow.compiled import kernel_build, kernel_cache, kernels, shot_source, sweep_source
+from nhpocp.flow.compiled.c_functions import _accessed
 from nhpocp.flow.compiled.kernel_cache import NotCompilableError, agree
 from nhpocp.flow.compiled.kernels import Compiled, CompiledWhenReady, Interpreted
-from nhpocp.flow.compiled.sweep_source import _accessed
 from nhpocp.flow.dynamics import Dynamics, dynamics
 from nhpocp.flow.end_point_map import DifferentiatedEndPointMap
 from nhpocp.flow.integrators import RungeKutta4
-from nhpocp.flow.runge_kutta import Ends, Scheme, scheme
+from nhpocp.flow.runge_kutta import Ends, scheme
+from nhpocp.flow.tableau import CLASSICAL
 from nhpocp.problem import Horizon, PlanningProblem
 from nhpocp.problem_file import load_problem, parse_problem
 from nhpocp.problem_file.registry import SYSTEMS
@@ -72,7 +73,6 @@ def cache(tmp_path, monkeypatch):
 
 def forget() -> None:
     kernels._of_sweeps.cache_clear()
-    kernels._of_bundles.cache_clear()
     kernels._of_shots.cache_clear()
     interval._made.cache_clear()
     kernel_cache._said.clear()
@@ -226,10 +226,7 @@ def test_a_file_that_is_no_library_is_ignored(numbers, cache, caplog, quick):
     assert "cannot be loaded" in caplog.text
 
 
-RIGHT_LANES = "copy(M * L, u + nodes[3 * k + i] * M * L, u3"
-WRONG_LANES = (
-    "u3[M * L - 1 + i * M * L] = 0.0, copy(M * L - 1, u + nodes[3 * k + i] * M * L + 1, u3"  # another lane's
-)
+RIGHT_LANES, WRONG_LANES = "u[l * u_stride +", "u[(l ^ 1) * u_stride +"
 
 
 @needs_compiler
@@ -237,9 +234,10 @@ WRONG_LANES = (
     ("numbers", "module", "right", "wrong"),
     [
         (sweep, sweep_source, "now = before", "now = before, *now += 1e-3"),
-        (ends, bundle_source, "at[j] += g[i * M * L + j]", "at[j] += 1.001 * g[i * M * L + j]"),
-        (ends, bundle_source, "(i + 1) / 2", "i / 2"),
-        (ends, bundle_source, RIGHT_LANES, WRONG_LANES),
+        (sweep, sweep_source, "at[r * M + j] += g[", "at[r * M + j] += 1.001 * g["),
+        (sweep, sweep_source, "seen[PLACE[i] * M", "seen[PLACE[i / 2] * M"),
+        (ends, sweep_source, "seen[(PLACE[i] * M", "seen[(PLACE[i / 2] * M"),
+        (ends, sweep_source, RIGHT_LANES, WRONG_LANES),
         (shots, shot_source, "to[l][place] = values[i * L + l]", "to[l][place] = 1.0"),
         (shots, shot_source, "*q[l] = closed[l]", "*q[l] = closed[l] + 1e-3"),
         (shots, shot_source, "dw[d * L + l] = 1.0", "dw[d * L + l] = 1.001"),
@@ -256,17 +254,16 @@ def test_a_kernel_that_disagrees_is_not_used(
     assert right in made_of(made, numbers)
     monkeypatch.setattr(module, "c_source", lambda parts: made(parts).replace(right, wrong))
     found = numbers(Compiled())
-    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
-    assert numbers is ends or np.array_equal(found, expected)
+    np.testing.assert_array_equal(found, expected)
     assert "disagrees" in caplog.text
-    assert len(stored(cache)) == (numbers is ends)  # in its place that of the sweeps
+    assert stored(cache) == []
 
 
 def made_of(c_source, numbers) -> str:
     """The C text of either kind."""
     if numbers is shots:
         return c_source(transcribed(LINEAR, Interpreted()).interval.shot)
-    return c_source(Scheme(dynamics(paper_problem().system)))
+    return c_source(scheme(dynamics(paper_problem().system), CLASSICAL))
 
 
 @KINDS
@@ -373,27 +370,27 @@ def test_the_ends_are_those_of_each_sweep():
 
 
 @needs_compiler
-def test_auto_leaves_bundles_to_sweeps_until_their_kernel_is_there(cache, monkeypatch, quick):
+def test_auto_takes_the_kernel_of_sweeps_for_the_ends_of_many(cache, monkeypatch, quick):
     monkeypatch.delenv("NHPOCP_COMPILE")
     problem, begun = paper_problem(), []
-    monkeypatch.setattr(kernel_cache.Place, "_begin", lambda place: begun.append(place))
+    monkeypatch.setattr(kernel_cache.Place, "_begin", lambda place, recipe: begun.append(place))
     eager = CompiledWhenReady(patience=1e-9)
     first = led(eager, problem)
     led(eager, problem)
-    assert len(begun) == 2  # of the sweeps too
+    assert len(begun) == 1
     forget()
-    led(Compiled(), problem)
+    end_point(Compiled(), problem.system)
     forget()
     led(eager, problem)
     np.testing.assert_allclose(led(eager, problem).derivatives, first.derivatives, atol=1e-12)
-    assert kernels._of_bundles(scheme(dynamics(problem.system))).kernel is not None
+    assert kernels._of_sweeps(scheme(dynamics(problem.system), CLASSICAL)).kernel is not None
 
 
 @needs_compiler
-def test_a_bundle_kernel_is_tried_on_controls_that_differ(cache, caplog, monkeypatch, quick):
-    made, problem = bundle_source.c_source, paper_problem()
+def test_a_kernel_is_tried_on_controls_that_differ(cache, caplog, monkeypatch, quick):
+    made, problem = sweep_source.c_source, paper_problem()
     monkeypatch.setattr(
-        bundle_source, "c_source", lambda scheme: made(scheme).replace(RIGHT_LANES, WRONG_LANES)
+        sweep_source, "c_source", lambda scheme: made(scheme).replace(RIGHT_LANES, WRONG_LANES)
     )
     flow = RungeKutta4(13, Compiled()).flow(dynamics(problem.system), problem.basis, 1.0)
     flow.ends(problem.start_point, 0.0 * many(problem, 1), differentiated=False)
@@ -500,7 +497,7 @@ def test_both_ways_lead_to_the_same_optimum(cache, problem):
 def test_auto_takes_a_stored_kernel_at_once_and_builds_only_what_comes_again(cache, monkeypatch, quick):
     monkeypatch.delenv("NHPOCP_COMPILE")
     begun = []
-    monkeypatch.setattr(kernel_cache.Place, "_begin", lambda place: begun.append(place))
+    monkeypatch.setattr(kernel_cache.Place, "_begin", lambda place, recipe: begun.append(place))
     eager = CompiledWhenReady(patience=1e-9)
     solver = MultipleShooting(intervals=4, steps_per_interval=1, kernels=eager)
     solver.solve(LINEAR)

@@ -15,7 +15,8 @@ from nhpocp.controls.fourier import Fourier
 from nhpocp.controls.legendre import Legendre
 from nhpocp.controls.piecewise_constant import PiecewiseConstant
 from nhpocp.controls.projection import project
-from nhpocp.flow.integrators import RungeKutta4, enough_steps
+from nhpocp.flow.integrators import RungeKutta4
+from nhpocp.flow.step_error import enough_steps
 from nhpocp.provenance import reset_peak_memory
 from nhpocp.solution import Outcome
 from nhpocp.solvers.continuation.continuation import Continuation

@@ -11,15 +11,15 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 import nhpocp
-from nhpocp.constraints import Bound
+from nhpocp.constraints.bound import Bound
 from nhpocp.flow.end_point_map import flow_through
 from nhpocp.flow.integrators import RungeKutta4
 from nhpocp.solution import Outcome
 from nhpocp.solvers.continuation.auto import Auto
 from nhpocp.solvers.continuation.continuation import Continuation
-from nhpocp.solvers.continuation.generalized_inverses import within_radius
 from nhpocp.solvers.continuation.lockstep import reached_together
-from nhpocp.solvers.continuation.step_rules import Adaptive, Euler, next_radius
+from nhpocp.solvers.continuation.step_rules import Adaptive, Euler
+from nhpocp.solvers.continuation.trust_region import next_radius, within_radius
 from nhpocp.solvers.metrics import L2Metric
 
 FILES = sorted((Path(__file__).parents[1] / "problems").glob("*.yaml"))
@@ -90,7 +90,7 @@ def test_every_metric_and_a_goal_in_some_coordinates():
 def test_auto_keeps_what_finer_steps_confirm(monkeypatch):
     problem = paper_problem()
     assert reached_together(Auto(), [problem])[0] is not None
-    monkeypatch.setattr("nhpocp.solvers.continuation.lockstep.finer", lambda integrator: RungeKutta4(3))
+    monkeypatch.setattr("nhpocp.solvers.continuation.confirmation.finer", lambda integrator: RungeKutta4(3))
     assert reached_together(Auto(), [problem]) == [None]
     assert reached_together(ADAPTIVE, [problem])[0] is not None  # claims, as the solver itself does
 

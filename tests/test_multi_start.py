@@ -11,7 +11,8 @@ from conftest import paper_problem
 from nhpocp import planning
 from nhpocp.problem_file import parse_problem
 from nhpocp.solution import Outcome
-from nhpocp.solvers.continuation.continuation import Continuation, multi_start
+from nhpocp.solvers.continuation import multi_start
+from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.multi_start import MultiStart, processes
 from nhpocp.solvers.continuation.step_rules import Adaptive
 from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting

@@ -10,7 +10,7 @@ import random_goals
 from conftest import Integrators, paper_problem, yaw
 
 from nhpocp import planning, so3
-from nhpocp.constraints import Bound
+from nhpocp.constraints.bound import Bound
 from nhpocp.controls.fourier import Fourier
 from nhpocp.controls.projection import project
 from nhpocp.errors import InvalidProblemError

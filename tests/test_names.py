@@ -19,7 +19,7 @@ from nhpocp import (
     scalar,
     vector,
 )
-from nhpocp.constraints import Bound
+from nhpocp.constraints.bound import Bound
 from nhpocp.problem_file import registry
 from nhpocp.systems.margins import margin
 from nhpocp.systems.system import RESERVED

@@ -7,7 +7,7 @@ import pytest
 from conftest import paper_problem, yaw
 
 from nhpocp import planning
-from nhpocp.constraints import Bound
+from nhpocp.constraints.bound import Bound
 from nhpocp.flow.compiled.kernels import Interpreted
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Outcome

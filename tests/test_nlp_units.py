@@ -5,7 +5,7 @@ import pytest
 from conftest import PAPER_START, yaw
 
 from nhpocp import planning
-from nhpocp.constraints import Bound
+from nhpocp.constraints.bound import Bound
 from nhpocp.flow.compiled.kernels import Interpreted
 from nhpocp.problem import Horizon, PlanningProblem
 from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting

@@ -11,6 +11,7 @@ from nhpocp.controls.fourier import Fourier
 from nhpocp.flow.cost_map import cost_map
 from nhpocp.flow.integrators import RungeKutta4
 from nhpocp.solution import Outcome
+from nhpocp.solvers.budget import Budget
 from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.step_rules import Adaptive
 from nhpocp.solvers.least_cost import curvature
@@ -166,7 +167,7 @@ def on_a_plane(matrix, limits, gap=0.0):
 
 
 def last_round(problem, hessian=2.0):
-    *_, last = rounds(problem, np.array([1.0, 2, 0]), hessian * np.eye(3), slack=1e-9)
+    *_, last = rounds(problem, np.array([1.0, 2, 0]), hessian * np.eye(3), slack=1e-9, budget=Budget())
     return last
 
 
@@ -222,7 +223,7 @@ def test_unusable_points_are_stepped_back_from_within_bounds_too():
     usable = BoundedProblem(
         lambda y: problem.evaluate(y) if y[0] < 1.9 else None, problem.row_slopes, problem.between
     )
-    for ended in rounds(usable, np.array([1.0, 2, 0]), 2.0 * np.eye(3), slack=1e-9):
+    for ended in rounds(usable, np.array([1.0, 2, 0]), 2.0 * np.eye(3), slack=1e-9, budget=Budget()):
         assert ended.y[0] < 1.9
     with pytest.raises(NoSurfaceError):
-        next(rounds(usable, np.array([2.0, 1, 0]), 2.0 * np.eye(3), slack=1e-9))
+        next(rounds(usable, np.array([2.0, 1, 0]), 2.0 * np.eye(3), slack=1e-9, budget=Budget()))

@@ -11,11 +11,11 @@ from conftest import Integrators, Turntable, paper_problem, yaw
 from ferry import Ferry
 
 import nhpocp
-from nhpocp.constraints import Bound
+from nhpocp.constraints.bound import Bound
 from nhpocp.flow.compiled.kernels import Interpreted
 from nhpocp.flow.cost_map import cost_map
 from nhpocp.flow.integrators import RungeKutta4
-from nhpocp.objectives import path_length, softened_path_length
+from nhpocp.objectives.path_length import PathLength
 from nhpocp.problem import Horizon, PlanningProblem
 from nhpocp.problem_file.building import build_solver
 from nhpocp.problem_file.registry import SYSTEMS, system_class
@@ -59,7 +59,7 @@ def test_what_a_search_takes_for_the_length_is_just_below_it(system):
         control = size * random.normal(size=system.input_space.size)
         speed, softened = (
             f(system, state, control, 2.0, *more)
-            for f, more in ((path_length, ()), (softened_path_length, (rest,)))
+            for f, more in ((PathLength().integrand, ()), (PathLength().searched, (rest,)))
         )
         assert max(0.0, speed - rest) <= softened <= speed
         assert softened == pytest.approx(np.hypot(speed, rest) - rest, rel=1e-6, abs=1e-15)

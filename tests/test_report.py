@@ -25,7 +25,7 @@ from nhpocp.comparison import Comparison
 from nhpocp.controls.fourier import Fourier
 from nhpocp.solution import Outcome, Verdict
 from nhpocp.views.report import render, write_report
-from nhpocp.views.report_words import comments, given, number, percent
+from nhpocp.views.report_words import given, introduction, number, percent
 
 VOID = {"meta", "link", "br", "hr", "img", "input"}
 SCRIPT = "<script>alert('you')</script>"
@@ -265,13 +265,13 @@ def test_chosen_numbers_keep_their_digits():
     ]
 
 
-def test_comments_of_a_problem_file():
+def test_the_introduction_of_a_problem_file():
     text = (
         "# yaml-language-server: $schema=x\n# First\n# line.\n#\n# Second.\nnhpocp: 1\n"
-        "gamma: 0.1  # assumed: ours\nname: 'a # assumed b'\n# assumed alone\nx: 1 # the paper's\n"
+        "gamma: 0.1  # assumed: ours\n# assumed alone\n"
     )
-    assert comments(text) == (["First line.", "Second."], [("gamma: 0.1", "assumed: ours")])
-    assert comments(None) == ([], [])
+    assert introduction(text) == ["First line.", "Second."]
+    assert introduction(None) == []
 
 
 IN_A_BROWSER = pytest.mark.skipif(

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from conftest import paper_problem
 
-from nhpocp.constraints import Bound
+from nhpocp.constraints.bound import Bound
 from nhpocp.controls.fourier import Fourier
 from nhpocp.errors import InvalidProblemError
 from nhpocp.flow.compiled.kernels import Interpreted

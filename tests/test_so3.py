@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from nhpocp import so3
-from nhpocp.errors import OrientationAtPiError
+from nhpocp.errors import InvalidProblemError, OrientationAtPiError
 
 LAW = settings(max_examples=60, deadline=None, derandomize=True)
 ANGLES = [0.0, 1e-9, 1e-4, 0.0316, 0.0317, 0.3, 0.4999999, 0.5000001, 1.0, 2.0, np.pi / 2, 3.0]
@@ -179,12 +179,31 @@ def test_nearest_is_a_rotation_idempotent_and_nearest(matrix):
 
 def test_every_way_to_write_a_rotation_means_the_same():
     w = 0.7 * AXIS
-    rotation = so3.exp(w)
+    rotation, near = so3.exp(w), 1 + 5e-7
     written = {
         "rpy": so3.to_rpy(rotation).tolist(),
-        "quaternion": [3 * np.cos(0.35), *(3 * np.sin(0.35) * AXIS)],  # any length
+        "quaternion": [near * np.cos(0.35), *(near * np.sin(0.35) * AXIS)],
         "rotvec": w.tolist(),
-        "matrix": (1.01 * rotation).tolist(),
+        "matrix": (near * rotation).tolist(),
     }
     for kind, value in written.items():
         assert np.abs(so3.from_mapping({kind: value}) - rotation).max() < 1e-14, kind
+
+
+@pytest.mark.parametrize(
+    ("value", "path", "words"),
+    [
+        ({}, None, "no rotation; expected exactly one of rpy"),
+        ({"rpy": [0, 0, 0], "rotvec": [0, 0, 0]}, "rotvec", "both rpy and rotvec"),
+        ({"euler": [0, 0, 0]}, None, "euler; expected exactly one of rpy"),
+        ({"rpy": [0, 0]}, "rpy", "expected finite numbers \\[roll, pitch, yaw\\], got a list of 2"),
+        ({"rotvec": [0, 0, 1e200]}, "rotvec", "too large"),
+        ({"quaternion": [1, 1, 0, 0]}, "quaternion", "write \\[0.707106781, 0.707106781"),
+        ({"matrix": (1.01 * np.eye(3)).tolist()}, "matrix", "no rotation matrix"),
+        ({"matrix": (-np.eye(3)).tolist()}, "matrix", "a reflection"),
+    ],
+)
+def test_what_is_no_rotation_is_refused(value, path, words):
+    with pytest.raises(InvalidProblemError, match=words) as caught:
+        so3.from_mapping(value)
+    assert caught.value.path == path

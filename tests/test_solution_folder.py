@@ -19,7 +19,7 @@ from conftest import PAPER_START, paper_problem
 
 from nhpocp import planning
 from nhpocp.comparison_folder import load_comparison, solution_folders
-from nhpocp.constraints import Bound
+from nhpocp.constraints.bound import Bound
 from nhpocp.errors import InvalidProblemError, UnreadableSolutionError
 from nhpocp.problem_file import load_problem
 from nhpocp.provenance import environment

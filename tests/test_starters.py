@@ -13,7 +13,7 @@ from nhpocp.planning import solve
 from nhpocp.problem_file import json_schema, parse_problem, read_text, starter
 from nhpocp.problem_file.document import parse
 from nhpocp.problem_file.registry import SYSTEMS, system_class
-from nhpocp.problem_file.settings import JacobianSettings, NlpSettings
+from nhpocp.problem_file.settings import BLOCKS
 
 PROBLEMS = sorted((Path(__file__).parents[1] / "problems").glob("*.yaml"))
 OPTION = re.compile(
@@ -36,7 +36,8 @@ def test_it_is_right_for_reader_and_editor_and_so_is_every_key_in_it(model, edit
     assert text.startswith("# yaml-language-server: $schema=nhpocp.schema.json\n")
     assert read_text(text).warnings == []
     editor.validate(parse(text).data)
-    for name in (*system_class(model).declared, *JacobianSettings.model_fields, *NlpSettings.model_fields):
+    settings = [name for block in BLOCKS.values() for name in block.model_fields]
+    for name in (*system_class(model).declared, *settings):
         assert re.search(rf"^ *#? ?{name}: ", text, re.MULTILINE), name
     used, count = OPTION.subn(uncommented, text)
     assert count >= 25

@@ -9,7 +9,7 @@ import pytest
 from conftest import paper_problem, yaw
 
 from nhpocp import planning
-from nhpocp.constraints import Bound
+from nhpocp.constraints.bound import Bound
 from nhpocp.controls.bspline import BSpline
 from nhpocp.controls.control import Control
 from nhpocp.controls.fourier import Fourier

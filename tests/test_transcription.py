@@ -7,7 +7,7 @@ from conftest import paper_problem, yaw
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from nhpocp.constraints import Bound, bound_rows
+from nhpocp.constraints.bound import Bound, bound_rows
 from nhpocp.controls.control import Control
 from nhpocp.controls.fourier import Fourier
 from nhpocp.controls.piecewise_constant import PiecewiseConstant

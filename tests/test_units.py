@@ -9,7 +9,7 @@ import pytest
 from conftest import PAPER_START, yaw
 
 from nhpocp import planning, so3
-from nhpocp.constraints import Bound
+from nhpocp.constraints.bound import Bound
 from nhpocp.controls.fourier import Fourier
 from nhpocp.problem import Horizon, PlanningProblem, Via
 from nhpocp.solution import Outcome

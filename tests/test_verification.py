@@ -11,7 +11,7 @@ import pytest
 
 from nhpocp import so3
 from nhpocp.arrays import cross
-from nhpocp.constraints import Bound
+from nhpocp.constraints.bound import Bound
 from nhpocp.controls.control import Control
 from nhpocp.controls.fourier import Fourier
 from nhpocp.controls.piecewise_constant import PiecewiseConstant

@@ -17,7 +17,7 @@ from nhpocp.controls.control import Control
 from nhpocp.errors import InvalidProblemError
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Crossing
-from nhpocp.solvers.nlp.guesses import NoGuessError, ProblemGuess, starting_horizon
+from nhpocp.solvers.nlp.guesses import NoGuessError, ProblemGuess
 from nhpocp.systems.mobility import Mobility, mobility
 from nhpocp.systems.numeric import numeric_system
 from nhpocp.systems.parallel_robot import ParallelRobot
@@ -162,7 +162,7 @@ def analyze(
         if control
         else None
     )
-    fields = Fields(system, Scales(scale, control.horizon if control else starting_horizon(problem)))
+    fields = Fields(system, Scales(scale, control.horizon if control else problem.horizon.first))
     ends = np.array([point for point, _ in states.values()])
     grown, times = _grown(fields, ends, followed, tolerance, degree)
     found = {
@@ -219,7 +219,7 @@ def _mobility(problem: PlanningProblem, notes: list[str]) -> Mobility | None:
 def _guess(problem: PlanningProblem) -> tuple[Control | None, str]:
     """The initial control, or why there is none."""
     try:
-        return ProblemGuess().control(problem, starting_horizon(problem), 0), ""
+        return ProblemGuess().control(problem, problem.horizon.first, 0), ""
     except NoGuessError as error:
         return None, f"no initial guess: {error.args[0]}"
 

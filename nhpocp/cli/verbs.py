@@ -14,6 +14,7 @@ from nhpocp.cli.progress import progress
 from nhpocp.cli.summary import comparison_lines, report, task
 from nhpocp.cli.terminal import error_data, put, say, tell, verdict_lines, visible
 from nhpocp.errors import InvalidProblemError
+from nhpocp.solvers.registry import SOLVERS
 
 if TYPE_CHECKING:
     from nhpocp.comparison import Comparison, Entry
@@ -33,7 +34,7 @@ def cli(debug: bool) -> None:
 
 @cli.command()
 @click.argument("file", type=click.Path(path_type=Path))
-@click.option("--solver", type=click.Choice(["jacobian", "nlp"]), default="jacobian", show_default=True)
+@click.option("--solver", type=click.Choice(list(SOLVERS)), default="jacobian", show_default=True)
 @set_option
 @click.option("--trace", is_flag=True, help="Write the iterations to iterations.csv in the solution folder.")
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="The solution folder itself.")
@@ -46,10 +47,6 @@ def solve(
         from nhpocp.solution_folder import check_target, folder_name, to_json
 
         problem = load(file, overrides)
-        if solver not in problem.solvers:
-            raise InvalidProblemError(
-                f"the {solver} solver is not available in this version; use --solver jacobian"
-            )
         folder = output or Path("results") / folder_name(problem.name) / solver
         check_target(folder)
         interruption.check()  # nothing to keep yet; from here on the solver answers to Ctrl-C

@@ -8,6 +8,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
+from nhpocp import declared
 from nhpocp.arrays import Array, namespace
 from nhpocp.controls.basis import ControlBasis, Side
 from nhpocp.controls.piecewise_constant import PiecewiseConstant
@@ -23,9 +24,10 @@ class BSpline(ControlBasis):
     there. Degree 0 is `PiecewiseConstant`, and is written so.
     """
 
-    degree: int = 3
-    intervals: int = 8
+    degree: int = declared.degree(3, "of the polynomial pieces")
+    intervals: int = declared.count(8, "degree + intervals functions per input")
     kind: ClassVar[str] = "bspline"
+    meaning: ClassVar[str] = "B-splines on equal intervals"
 
     @property
     def size(self) -> int:
@@ -47,15 +49,18 @@ class BSpline(ControlBasis):
     def _functions(self, share: Array, steps: Sequence[Array]) -> list[Array]:
         """From those of degree 0, by the recurrence of Cox and de Boor, at shares of the horizon."""
         knots = self.knots(1.0)
-        found: list[Array] = [0.0] * self.degree + list(steps) + [0.0] * self.degree
+        functions: list[Array] = [0.0] * self.degree + list(steps) + [0.0] * self.degree
         for degree in range(1, self.degree + 1):
             widths = knots[degree:] - knots[:-degree]
             rising = [(share - knot) / w if w > 0 else 0.0 for knot, w in zip(knots, widths, strict=False)]
             falling = [
                 (knot - share) / w if w > 0 else 0.0 for knot, w in zip(knots[degree:], widths, strict=True)
             ]
-            found = [rising[i] * found[i] + falling[i + 1] * found[i + 1] for i in range(len(found) - 1)]
-        return found
+            functions = [
+                rising[i] * functions[i] + falling[i + 1] * functions[i + 1]
+                for i in range(len(functions) - 1)
+            ]
+        return functions
 
     def values(self, time: Array, horizon: float) -> Array:
         steps = self._steps.values(time, horizon)
@@ -73,15 +78,15 @@ class BSpline(ControlBasis):
 
     def _local(self, share: Array, place: Array) -> Array:
         """The functions that are not 0 on the intervals ``place`` (k,), at shares of the horizon, (k, degree + 1)."""
-        knots, found = self.knots(1.0), np.ones((len(share), 1))
+        knots, functions = self.knots(1.0), np.ones((len(share), 1))
         for degree in range(1, self.degree + 1):  # the recurrence of Cox and de Boor, on one interval
             ends = place[:, None] + self.degree + np.arange(1, degree + 1)
             low, high = knots[ends - degree], knots[ends]
-            part = found / (high - low)
-            found = np.zeros((len(share), degree + 1))
-            found[:, :-1] += (high - share[:, None]) * part
-            found[:, 1:] += (share[:, None] - low) * part
-        return found
+            part = functions / (high - low)
+            functions = np.zeros((len(share), degree + 1))
+            functions[:, :-1] += (high - share[:, None]) * part
+            functions[:, 1:] += (share[:, None] - low) * part
+        return functions
 
     def derivative_table(self, times: Array, horizon: float, side: Side = "right") -> Array:
         if self.degree == 0:
@@ -91,13 +96,6 @@ class BSpline(ControlBasis):
         parts = np.diff(np.vstack([np.zeros(self.size), np.eye(self.size)]), axis=0)  # B' of the differences
         lower = BSpline(self.degree - 1, self.intervals).table(times, horizon, side)
         return (lower * slopes) @ parts[1:]
-
-    def integral_table(self, times: Array, horizon: float) -> Array:
-        knots, width = self.knots(horizon), self.degree + 1
-        masses = (knots[width:] - knots[:-width]) / width
-        upper = BSpline(self.degree + 1, self.intervals).table(times, horizon)
-        # ∫ B_i is its mass times the sum of the later functions of one degree more
-        return np.cumsum(upper[:, :0:-1], axis=1)[:, ::-1] * masses
 
     def gram(self, horizon: float) -> Gram:
         nodes, weights = np.polynomial.legendre.leggauss(self.degree + 1)  # exact for products
@@ -114,23 +112,20 @@ class BSpline(ControlBasis):
     def breakpoints(self, horizon: float) -> Array:
         return self._steps.breakpoints(horizon)
 
-    def parameters(self) -> dict[str, Any]:
-        return {"degree": self.degree, "intervals": self.intervals}
-
     @classmethod
     def from_json(cls, data: Mapping[str, Any]) -> tuple[Self, Array]:
         coefficients = np.asarray(data["coefficients"], dtype=float)
         knots, degree = np.asarray(data["knots"], dtype=float), int(data["degree"])
         if not len(coefficients):  # no inputs
             coefficients = coefficients.reshape(0, len(knots) - degree - 1)
-        found = cls(degree, coefficients.shape[1] - degree)
-        expected = found.knots(data["horizon"])
+        basis = cls(degree, coefficients.shape[1] - degree)
+        expected = basis.knots(data["horizon"])
         if knots.shape != expected.shape or np.abs(knots - expected).max() > 1e-9 * data["horizon"]:
             raise InvalidProblemError(
                 "knots that are not uniform and clamped; only equal intervals are supported",
                 path="control.knots",
             )
-        return found, coefficients
+        return basis, coefficients
 
     def to_json(self, coefficients: Array, horizon: float) -> dict[str, Any]:
         if self.degree == 0:

@@ -41,10 +41,6 @@ class Control:
         """du/dt at times (k,) → (k, inputs); a jump has none."""
         return self.basis.derivative_table(np.atleast_1d(times), self.horizon, side) @ self.coefficients.T
 
-    def integral(self, times: Array) -> Array:
-        """∫₀ᵗ u dt at times (k,) → (k, inputs)."""
-        return self.basis.integral_table(np.atleast_1d(times), self.horizon) @ self.coefficients.T
-
     @property
     def effort(self) -> float:
         """∫₀ᵀ |u|² dt, exactly, from the Gram matrix."""

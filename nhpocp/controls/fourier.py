@@ -9,6 +9,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
+from nhpocp import declared
 from nhpocp.arrays import Array, namespace
 from nhpocp.controls.basis import ControlBasis, Side
 from nhpocp.controls.table import Gram
@@ -18,8 +19,9 @@ from nhpocp.controls.table import Gram
 class Fourier(ControlBasis):
     """φ = (1, sin ωt, cos ωt, …, sin hωt, cos hωt), ω = 2π/T: 2h + 1 functions."""
 
-    harmonics: int = 2
+    harmonics: int = declared.degree(2, "2·harmonics + 1 functions per input")
     kind: ClassVar[str] = "fourier"
+    meaning: ClassVar[str] = "truncated Fourier series"
 
     @property
     def size(self) -> int:
@@ -43,16 +45,9 @@ class Fourier(ControlBasis):
 
     def derivative_table(self, times: Array, horizon: float, side: Side = "right") -> Array:
         table, rates = self.table(times, horizon), self._rates(horizon)
-        found = np.zeros_like(table)
-        found[:, 1::2], found[:, 2::2] = rates * table[:, 2::2], -rates * table[:, 1::2]
-        return found
-
-    def integral_table(self, times: Array, horizon: float) -> Array:
-        table, rates = self.table(times, horizon), self._rates(horizon)
-        found = np.empty_like(table)
-        found[:, 0] = times
-        found[:, 1::2], found[:, 2::2] = (1.0 - table[:, 2::2]) / rates, table[:, 1::2] / rates
-        return found
+        slopes = np.zeros_like(table)
+        slopes[:, 1::2], slopes[:, 2::2] = rates * table[:, 2::2], -rates * table[:, 1::2]
+        return slopes
 
     def _rates(self, horizon: float) -> Array:
         return 2 * np.pi / horizon * np.arange(1, self.harmonics + 1)
@@ -66,9 +61,6 @@ class Fourier(ControlBasis):
 
     def breakpoints(self, horizon: float) -> Array:
         return np.empty(0)
-
-    def parameters(self) -> dict[str, Any]:
-        return {"harmonics": self.harmonics}
 
     @classmethod
     def from_json(cls, data: Mapping[str, Any]) -> tuple[Self, Array]:

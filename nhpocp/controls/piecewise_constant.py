@@ -8,6 +8,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
+from nhpocp import declared
 from nhpocp.arrays import Array, namespace
 from nhpocp.controls.basis import ControlBasis, Side
 from nhpocp.controls.table import Gram, Table
@@ -18,8 +19,9 @@ from nhpocp.errors import InvalidProblemError
 class PiecewiseConstant(ControlBasis):
     """φ_k = 1 on the k-th of ``intervals`` equal parts of [0, T], 0 elsewhere."""
 
-    intervals: int = 50
+    intervals: int = declared.count(50, "equal intervals of the horizon")
     kind: ClassVar[str] = "piecewise_constant"
+    meaning: ClassVar[str] = "one value per interval"
 
     @property
     def size(self) -> int:
@@ -48,18 +50,11 @@ class PiecewiseConstant(ControlBasis):
     def derivative_table(self, times: Array, horizon: float, side: Side = "right") -> Array:
         return np.zeros((len(times), self.intervals))
 
-    def integral_table(self, times: Array, horizon: float) -> Array:
-        passed = np.subtract.outer(np.asarray(times) * self.intervals / horizon, np.arange(self.intervals))
-        return np.clip(passed, 0.0, 1.0) * horizon / self.intervals
-
     def gram(self, horizon: float) -> Gram:
         return Gram(np.full((1, self.intervals), horizon / self.intervals))
 
     def breakpoints(self, horizon: float) -> Array:
         return np.linspace(0.0, horizon, self.intervals + 1)[1:-1]
-
-    def parameters(self) -> dict[str, Any]:
-        return {"intervals": self.intervals}
 
     @classmethod
     def from_json(cls, data: Mapping[str, Any]) -> tuple[Self, Array]:

@@ -65,10 +65,10 @@ class Samples:
         """Λ φ at the times: (rows, size) ↦ (k, rows)."""
         if self._rows >= len(self):
             return self._whole @ coefficients.T
-        found = np.empty((len(self), len(coefficients)))
+        controls = np.empty((len(self), len(coefficients)))
         for part, table in self._slices():
-            found[part] = table @ coefficients.T
-        return found
+            controls[part] = table @ coefficients.T
+        return controls
 
     def transposed(self, rows: Array) -> Array:
         """Sums over the times: (k, r) ↦ (size, r)."""

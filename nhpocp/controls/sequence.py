@@ -11,16 +11,9 @@ import numpy as np
 
 from nhpocp.arrays import Array, namespace
 from nhpocp.controls.basis import ControlBasis, Side
-from nhpocp.controls.bspline import BSpline
 from nhpocp.controls.control import Control
-from nhpocp.controls.fourier import Fourier
-from nhpocp.controls.legendre import Legendre
-from nhpocp.controls.piecewise_constant import PiecewiseConstant
+from nhpocp.controls.registry import BASES
 from nhpocp.controls.table import Gram, Table
-
-PIECES: dict[str, type[Any]] = {
-    basis.kind: basis for basis in (Fourier, Legendre, BSpline, PiecewiseConstant)
-}
 
 
 @dataclass(frozen=True)
@@ -107,13 +100,6 @@ class SequenceBasis(ControlBasis):
             table[mine, columns] = part(basis, times[mine] - knots[i], knots[i + 1] - knots[i])
         return table
 
-    def integral_table(self, times: Array, horizon: float) -> Array:
-        times, knots = np.asarray(times, dtype=float), self.knots(horizon)
-        spans = zip(self.bases, knots[:-1], np.diff(knots), strict=True)
-        return np.hstack(
-            [b.integral_table(np.clip(times - first, 0.0, span), span) for b, first, span in spans]
-        )
-
     def gram(self, horizon: float) -> Gram:
         parts = zip(self.bases, self.shares, strict=True)
         grams = [Gram.of(basis.gram(share * horizon)).bands for basis, share in parts]
@@ -136,7 +122,7 @@ class SequenceBasis(ControlBasis):
     def from_json(cls, data: Mapping[str, Any]) -> tuple[Self, Array]:
         pieces = []
         for piece in data["pieces"]:
-            basis, coefficients = PIECES[piece["basis"]].from_json(piece)
+            basis, coefficients = BASES[piece["basis"]].from_json(piece)
             pieces.append(Control(basis, coefficients, piece["horizon"]))
         joined = join(pieces)
         basis = joined.basis
@@ -160,5 +146,5 @@ def join(pieces: Sequence[Control]) -> Control:
 
 
 def retimed(control: Control, horizon: float) -> Control:
-    """The same motion of a driftless system in another time: u(t T/T') T/T' over [0, T']."""
+    """The control that makes the motion of a driftless system in another time: u(t T/T') T/T' over [0, T']."""
     return Control(control.basis, control.horizon / horizon * np.asarray(control.coefficients), horizon)

@@ -80,19 +80,19 @@ class Gram:
     def __matmul__(self, columns: Array) -> Array:
         """(size, r) ↦ (size, r)."""
         columns = np.asarray(columns)
-        found = self.bands[0][:, None] * columns
+        product = self.bands[0][:, None] * columns
         for d, band in enumerate(self.bands[1:], 1):
-            found[d:] += band[:-d, None] * columns[:-d]
-            found[:-d] += band[:-d, None] * columns[d:]
-        return found
+            product[d:] += band[:-d, None] * columns[:-d]
+            product[:-d] += band[:-d, None] * columns[d:]
+        return product
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
         size = self.size
-        found = np.diag(self.bands[0])
+        full = np.diag(self.bands[0])
         for d, band in enumerate(self.bands[1:size], 1):
             places = np.arange(size - d)
-            found[places + d, places] = found[places, places + d] = band[: size - d]
-        return found if dtype is None else found.astype(dtype)
+            full[places + d, places] = full[places, places + d] = band[: size - d]
+        return full if dtype is None else full.astype(dtype)
 
     @cached_property
     def root(self) -> Array:
@@ -123,10 +123,10 @@ class Gram:
 
     def root_transposed(self, columns: Array) -> Array:
         """Lᵀ times columns (size, r)."""
-        found = self.root[0][:, None] * columns
+        product = self.root[0][:, None] * columns
         for d, band in enumerate(self.root[1:], 1):
-            found[:-d] += band[:-d, None] * columns[d:]
-        return np.asarray(found)
+            product[:-d] += band[:-d, None] * columns[d:]
+        return np.asarray(product)
 
     def solve(self, columns: Array) -> Array:
         """X (size, r) with this times X = columns."""

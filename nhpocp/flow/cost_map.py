@@ -8,20 +8,22 @@ import numpy as np
 from nhpocp.arrays import Array
 from nhpocp.controls.basis import ControlBasis
 from nhpocp.controls.table import Gram
+from nhpocp.errors import InvalidProblemError
 from nhpocp.flow.dynamics import Dynamics
 from nhpocp.flow.integrators import Integrator
 from nhpocp.kept import kept
-from nhpocp.objectives import SOFTENINGS, searched
+from nhpocp.objectives.objective import ControlObjective, PathObjective
+from nhpocp.objectives.registry import OBJECTIVES
 from nhpocp.problem import PlanningProblem
 from nhpocp.systems.numeric import numeric_system
 from nhpocp.systems.system import System
 
 
-class EffortMap:
-    """∫ |u|² dt = Σ λᵀ Gram λ, exactly."""
+class GramMap:
+    """Σ λᵀ M λ, exactly: of a `ControlObjective`."""
 
-    def __init__(self, basis: ControlBasis, inputs: int, horizon: float) -> None:
-        self._gram, self._shape = Gram.of(basis.gram(horizon)), (inputs, basis.size)
+    def __init__(self, gram: Gram, inputs: int) -> None:
+        self._gram, self._shape = gram, (inputs, gram.size)
 
     def __call__(self, coefficients: Array) -> tuple[float, Array]:
         """(cost, gradient (inputs · size,))."""
@@ -31,29 +33,34 @@ class EffortMap:
 
 
 class QuadratureMap:
-    """One of `INTEGRANDS`, or what is smooth in its place, integrated and differentiated beside the state."""
+    """A `PathObjective`, or what is smooth in its place, integrated and differentiated beside the state."""
 
     def __init__(
-        self, name: str, problem: PlanningProblem, basis: ControlBasis, horizon: float, integrator: Integrator
+        self,
+        objective: PathObjective,
+        problem: PlanningProblem,
+        basis: ControlBasis,
+        horizon: float,
+        integrator: Integrator,
     ) -> None:
-        rest = SOFTENINGS[-1] * problem.scales.objective("path_length") / horizon
-        dynamics = _with_quadrature(problem.system, name, problem.scale, rest)
+        rest = objective.softenings[-1] * objective.scale(problem.scales) / horizon
+        dynamics = _with_quadrature(problem.system, objective, problem.scale, rest)
         self._flow = integrator.flow(dynamics, basis, horizon)
         self._start = np.append(problem.start_point, 0.0)
 
     def __call__(self, coefficients: Array) -> tuple[float, Array]:
         """(cost, gradient (inputs · size,))."""
-        found = self._flow.sensitivity(self._start, coefficients)
-        return float(found.path[-1, -1]), found.derivatives[-1, -1]
+        path, derivatives, _ = self._flow.sensitivity(self._start, coefficients)
+        return float(path[-1, -1]), derivatives[-1, -1]
 
 
 @kept(most=32)
-def _with_quadrature(system: System, name: str, scale: float, rest: float) -> Dynamics:
+def _with_quadrature(system: System, objective: PathObjective, scale: float, rest: float) -> Dynamics:
     """Of (x, ∫ integrand dt), the last observed; linearised by the system's own way, which is the cheaper one."""
     numeric, n, m = numeric_system(system), system.state_space.size, system.input_space.size
     y, u = ca.SX.sym("y", n + 1), ca.SX.sym("u", m)
     x = y[:n]
-    integrand = ca.SX(searched(name, system, x, u, scale, rest))
+    integrand = ca.SX(objective.searched(system, x, u, scale, rest))
     rate = ca.densify(ca.vertcat(numeric.rate_function(x, u), integrand))
     both = ca.vertcat(numeric.linearised_function(x, u), ca.gradient(integrand, ca.vertcat(x, u)).T)
     linearised = ca.horzcat(both[:, :n], ca.SX(n + 1, 1), both[:, n:])  # nothing depends on the integral
@@ -68,8 +75,18 @@ def _with_quadrature(system: System, name: str, scale: float, rest: float) -> Dy
 
 def cost_map(
     name: str, problem: PlanningProblem, basis: ControlBasis, horizon: float, integrator: Integrator
-) -> EffortMap | QuadratureMap:
-    """The map of one objective."""
-    if name == "effort":
-        return EffortMap(basis, problem.system.input_space.size, horizon)
-    return QuadratureMap(name, problem, basis, horizon, integrator)
+) -> GramMap | QuadratureMap:
+    """The map of one objective.
+
+    Errors: `InvalidProblemError` where no control over the basis has this cost, or no search at a fixed T lowers it.
+    """
+    objective = OBJECTIVES[name]
+    if words := objective.lacking_control(basis):
+        raise InvalidProblemError(words, path="solvers.jacobian.objective")
+    if isinstance(objective, ControlObjective):
+        return GramMap(Gram.of(objective.gram(basis, horizon)), problem.system.input_space.size)
+    if isinstance(objective, PathObjective):
+        return QuadratureMap(objective, problem, basis, horizon, integrator)
+    raise InvalidProblemError(
+        f"{name} is the same for every motion of one duration", path="solvers.jacobian.objective"
+    )

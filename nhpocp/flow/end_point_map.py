@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
@@ -31,9 +31,8 @@ class EndPoint:
     stops: tuple[int, ...]  # rows of the path
     jacobians: Array
     watched: Array  # the numbers of `Dynamics.watched` along the path, (k, …)
-    variations: Array | None = (
-        None  # the Jacobians of the whole path, (k, dimension, inputs · size), if asked for
-    )
+    # the Jacobians of the whole path, (k, dimension, inputs · size), if asked for
+    variations: Array | None = None
 
     @property
     def state(self) -> Array:
@@ -46,21 +45,13 @@ class EndPoint:
         return self.jacobians[-1]
 
 
-class EndPointMap(Protocol):
+class EndPointMap(ABC):
     """Made for one system, basis, horizon and start; called with coefficients Λ (inputs × size)."""
 
     times: Array
 
-    def __call__(self, coefficients: Array) -> EndPoint: ...
-
-
-class EndPointMapFactory(Protocol):
-    """`DifferentiatedEndPointMap` or `VariationalEndPointMap`: two ways to the same Jacobian.
-
-    shares: of the horizon, where Jacobians are wanted besides the end; along: of the whole path as well.
-    """
-
-    def __call__(
+    @abstractmethod
+    def __init__(
         self,
         system: System,
         basis: ControlBasis,
@@ -69,10 +60,18 @@ class EndPointMapFactory(Protocol):
         integrator: Integrator,
         shares: Sequence[float] = (),
         along: bool = False,
-    ) -> EndPointMap: ...
+    ) -> None:
+        """shares: of the horizon, where Jacobians are wanted besides the end; along: of the whole path as well."""
+
+    @abstractmethod
+    def __call__(self, coefficients: Array) -> EndPoint:
+        """Where they lead."""
 
 
-class DifferentiatedEndPointMap:
+EndPointMapFactory = Callable[..., EndPointMap]  # called as the class is made
+
+
+class DifferentiatedEndPointMap(EndPointMap):
     """The Jacobian as the derivative of what the integrator computes (automatic differentiation)."""
 
     def __init__(
@@ -99,7 +98,7 @@ class DifferentiatedEndPointMap:
         return EndPoint(path, self._stops, jacobians, watched)
 
 
-class VariationalEndPointMap:
+class VariationalEndPointMap(EndPointMap):
     """The Jacobian from the paper's variational equations (11)-(12); also gives the Gram matrix of (14)."""
 
     def __init__(

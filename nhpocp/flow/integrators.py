@@ -5,11 +5,11 @@ All are one kind of object: an `Integrator` makes a `Flow` for a right-hand side
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
-from math import ceil
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar
 
 import casadi as ca
 import numpy as np
@@ -22,54 +22,54 @@ from nhpocp.errors import InvalidProblemError
 from nhpocp.flow.compiled.kernels import CompiledWhenReady, Kernels
 from nhpocp.flow.dynamics import Dynamics
 from nhpocp.flow.runge_kutta import Bundle, Ends, Grid, Scheme, Sweep, Swept, ends_of, scheme, walked
+from nhpocp.flow.tableau import CLASSICAL, Tableau
 from nhpocp.provenance import afford
 
 WORTH_ASKING = 1e8  # bytes: asking the system for its free memory takes as long as a small sweep
-FEWEST, ENOUGH = 5.0, 10.0  # steps for each period of the fastest function of a basis
 
 
-class Flow(Protocol):
+class Flow(ABC):
     """y(0), Λ ↦ y on a grid of times. States (n,), coefficients Λ (m, size); λ = the rows of Λ one after another."""
 
     times: Array
 
+    @abstractmethod
     def states(self, start: Array, coefficients: Array) -> Array:
         """y at the grid's times, (len(times), n)."""
-        ...
 
     def end(self, start: Array, coefficients: Array) -> Array:
         """y(T), (n,)."""
-        ...
+        return self.states(start, coefficients)[-1]
 
+    @abstractmethod
     def sensitivity(self, start: Array, coefficients: Array, stops: Sequence[int] = (-1,)) -> Swept:
         """The states as above, and dy/dλ, as observed, at the grid's times of these indices."""
-        ...
 
+    @abstractmethod
     def ends(self, start: Array, coefficients: Array, differentiated: bool = True) -> Ends:
         """Where many controls (k, m, size) lead from one start, with dy(T)/dλ if wanted."""
-        ...
 
 
-class Integrator(Protocol):
-    """A way to integrate."""
+class Integrator(ABC):
+    """A way to integrate. Hashable: flows are kept by it."""
 
     kind: ClassVar[str]
-
-    def __hash__(self) -> int: ...
+    steps: int
 
     def grid(self, basis: ControlBasis, horizon: float) -> Array:
         """Times at which this integrator's own steps end (the basis's breakpoints among them)."""
-        ...
+        return uniform_grid(self.steps, basis.breakpoints(horizon), horizon)
 
     def flow(
-        self,
-        dynamics: Dynamics,
-        basis: ControlBasis,
-        horizon: float,
-        times: Array | None = None,
+        self, dynamics: Dynamics, basis: ControlBasis, horizon: float, times: Array | None = None
     ) -> Flow:
         """The flow of ẏ = rate(y, u) with u(t) = Λ φ(t) over [0, horizon], on the given times or on `grid`."""
-        ...
+        times = self.grid(basis, horizon) if times is None else np.asarray(times, dtype=float)
+        return self._flow(dynamics, basis, horizon, times)
+
+    @abstractmethod
+    def _flow(self, dynamics: Dynamics, basis: ControlBasis, horizon: float, times: Array) -> Flow:
+        """That on these times."""
 
 
 def uniform_grid(steps: int, breakpoints: Array, horizon: float) -> Array:
@@ -77,19 +77,6 @@ def uniform_grid(steps: int, breakpoints: Array, horizon: float) -> Array:
     kept = np.concatenate([[0.0], np.asarray(breakpoints, dtype=float), [horizon]])
     grid = np.linspace(0.0, horizon, steps + 1)
     return np.sort(np.concatenate([kept, grid[~beside(grid, kept, horizon)]]))
-
-
-def resolving(integrator: Integrator, basis: ControlBasis) -> Integrator:
-    """An integrator whose fixed steps see every oscillation of a basis: with more steps, where its own are too few."""
-    if not isinstance(integrator, RungeKutta4 | CasadiRungeKutta):
-        return integrator
-    steps = enough_steps(integrator.steps, basis)
-    return integrator if steps == integrator.steps else replace(integrator, steps=steps)
-
-
-def enough_steps(steps: int, basis: ControlBasis) -> int:
-    """These, or with fewer than `FEWEST` a period, so that they are blind to the control, as many as it takes."""
-    return steps if steps >= FEWEST * basis.oscillations else ceil(ENOUGH * basis.oscillations)
 
 
 def beside(times: Array, others: Array, horizon: float) -> Array:
@@ -102,41 +89,36 @@ def beside(times: Array, others: Array, horizon: float) -> Array:
 
 
 @dataclass(frozen=True)
-class RungeKutta4:
-    """The classical fourth-order Runge–Kutta scheme with fixed steps, written out.
+class RungeKutta4(Integrator):
+    """The classical fourth-order Runge–Kutta scheme, or that of another tableau, with fixed steps, written out.
 
-    A step sees the control at its start, middle and end only, so the basis never enters the integrator: dy(T)/dλ is the
-    exact derivative of the scheme. The wanted rows of it are pulled back through the steps (`Scheme`), and what they
-    gather is summed against φ at the end. ``kernels``: whether a compiled kernel does that.
+    A step sees the control at a few times only, so the basis never enters the integrator: dy(T)/dλ is the exact
+    derivative of the scheme. The wanted rows of it are pulled back through the steps (`Scheme`), and what they gather
+    is summed against φ at the end. ``kernels``: whether a compiled kernel does that.
     """
 
     steps: int = 100
     kernels: Kernels = field(default_factory=CompiledWhenReady)
+    tableau: Tableau = CLASSICAL
     kind: ClassVar[str] = "rk4"
 
-    def grid(self, basis: ControlBasis, horizon: float) -> Array:
-        return uniform_grid(self.steps, basis.breakpoints(horizon), horizon)
-
-    def flow(
-        self,
-        dynamics: Dynamics,
-        basis: ControlBasis,
-        horizon: float,
-        times: Array | None = None,
-    ) -> RungeKuttaFlow:
-        times = self.grid(basis, horizon) if times is None else times
-        return RungeKuttaFlow(dynamics, basis, horizon, times, self.kernels)
+    def _flow(self, dynamics: Dynamics, basis: ControlBasis, horizon: float, times: Array) -> RungeKuttaFlow:
+        grid = Grid(np.diff(times), *_control_nodes(basis, horizon, times, self.tableau))
+        return RungeKuttaFlow(dynamics, self.tableau, times, grid, self.kernels)
 
 
-class RungeKuttaFlow:
+class RungeKuttaFlow(Flow):
     """`RungeKutta4` on one grid of times; the grid need not be uniform."""
 
     def __init__(
-        self, dynamics: Dynamics, basis: ControlBasis, horizon: float, times: Array, kernels: Kernels
+        self, dynamics: Dynamics, tableau: Tableau, times: Array, grid: Grid, kernels: Kernels
     ) -> None:
-        self.times = np.asarray(times, dtype=float)
-        self._grid = Grid(np.diff(self.times), *_control_nodes(basis, horizon, self.times))
-        self._dynamics, self._kernels = dynamics, kernels
+        self.times, self._grid, self._kernels = times, grid, kernels
+        self._dynamics, self._tableau = dynamics, tableau
+
+    @cached_property
+    def _scheme(self) -> Scheme:
+        return scheme(self._dynamics, self._tableau)
 
     def _sweep(self, start: Array, coefficients: Array, stops: Sequence[int]) -> Sweep:
         start, coefficients = (np.asarray(numbers, dtype=float) for numbers in (start, coefficients))
@@ -145,19 +127,16 @@ class RungeKuttaFlow:
     def states(self, start: Array, coefficients: Array) -> Array:
         sweep = self._sweep(start, coefficients, ())
         if self._dynamics.linearised is None:  # no kernel for what is never differentiated
-            return walked(self._dynamics.rate, sweep)
-        return self._kernels.swept(scheme(self._dynamics), sweep).path
-
-    def end(self, start: Array, coefficients: Array) -> Array:
-        return self.states(start, coefficients)[-1]
+            return walked(self._dynamics.rate, self._tableau, sweep)
+        return self._kernels.swept(self._scheme, sweep).path
 
     def ends(self, start: Array, coefficients: Array, differentiated: bool = True) -> Ends:
         start, coefficients = (np.asarray(numbers, dtype=float) for numbers in (start, coefficients))
         bundle = Bundle(start, self._grid, coefficients, differentiated)
-        return self._kernels.bundled(scheme(self._dynamics), bundle)
+        return self._kernels.bundled(self._scheme, bundle)
 
     def sensitivity(self, start: Array, coefficients: Array, stops: Sequence[int] = (-1,)) -> Swept:
-        functions = scheme(self._dynamics)
+        functions = self._scheme
         wanted = 16.0 * len(stops) * functions.rows * np.size(coefficients)
         if wanted > WORTH_ASKING:
             afford(wanted, f"the derivatives of {len(stops)} states by {np.size(coefficients)} coefficients")
@@ -175,24 +154,27 @@ class RungeKuttaFlow:
         return Swept(path, derivatives, functions.watched_along(path))
 
 
-def _control_nodes(basis: ControlBasis, horizon: float, times: Array) -> tuple[Array, Samples]:
-    """Places (steps, 3) of each step's three controls among samples of φ, and these samples.
+def _control_nodes(
+    basis: ControlBasis, horizon: float, times: Array, tableau: Tableau
+) -> tuple[Array, Samples]:
+    """Places (steps, seen) of the controls that each step sees among samples of φ, and these samples.
 
     One-sided limits: a step never sees the control beyond a breakpoint at its ends. Where there is none, the end of a
     step and the start of the next are one sample.
     """
     steps = len(times) - 1
     broken = beside(times[1:-1], basis.breakpoints(horizon), horizon)
-    starts = 2 * np.arange(steps) + np.concatenate([[0], np.cumsum(broken)])
-    nodes = np.ascontiguousarray(starts[:, None] + np.arange(3), dtype=np.int64)
+    starts = (tableau.seen - 1) * np.arange(steps) + np.concatenate([[0], np.cumsum(broken)])
+    nodes = np.ascontiguousarray(starts[:, None] + np.arange(tableau.seen), dtype=np.int64)
     at, from_left = np.empty(nodes[-1, -1] + 1), np.zeros(nodes[-1, -1] + 1, dtype=bool)
-    at[nodes[:, 2]], at[nodes[:, 1]], at[nodes[:, 0]] = times[1:], 0.5 * (times[:-1] + times[1:]), times[:-1]
-    from_left[nodes[np.append(broken, True), 2]] = True
+    for column, fraction in zip(nodes.T[::-1], tableau.fractions[::-1], strict=True):
+        at[column] = (1.0 - fraction) * times[:-1] + fraction * times[1:]
+    from_left[nodes[np.append(broken, True), -1]] = True
     return nodes, Samples(basis, horizon, at, from_left)
 
 
 @dataclass(frozen=True)
-class CasadiIntegrator:
+class CasadiIntegrator(Integrator):
     """``ca.integrator`` and CasADi's own sensitivities.
 
     Kept to forward sensitivities: with more parameters than outputs CasADi would choose the adjoint, whose backward
@@ -203,21 +185,7 @@ class CasadiIntegrator:
     steps: int = 100
     options: tuple[tuple[str, Any], ...] = ()
 
-    @property
-    def kind(self) -> str:
-        return self.plugin
-
-    def grid(self, basis: ControlBasis, horizon: float) -> Array:
-        return uniform_grid(self.steps, basis.breakpoints(horizon), horizon)
-
-    def flow(
-        self,
-        dynamics: Dynamics,
-        basis: ControlBasis,
-        horizon: float,
-        times: Array | None = None,
-    ) -> CasadiFlow:
-        times = self.grid(basis, horizon) if times is None else times
+    def _flow(self, dynamics: Dynamics, basis: ControlBasis, horizon: float, times: Array) -> CasadiFlow:
         return CasadiFlow(self, dynamics, basis, horizon, times)
 
 
@@ -226,6 +194,7 @@ class CasadiRungeKutta(CasadiIntegrator):
     """CasADi's ``rk``: the same scheme as `RungeKutta4`, differentiated as a whole."""
 
     plugin: str = "rk"
+    kind: ClassVar[str] = "rk"
 
 
 @dataclass(frozen=True)
@@ -233,6 +202,7 @@ class Cvodes(CasadiIntegrator):
     """SUNDIALS' variable-order, variable-step integrator; ``steps`` only sets where the path is recorded."""
 
     plugin: str = "cvodes"
+    kind: ClassVar[str] = "cvodes"
     options: tuple[tuple[str, Any], ...] = (
         ("reltol", 1e-10),
         ("abstol", 1e-10),
@@ -241,7 +211,7 @@ class Cvodes(CasadiIntegrator):
     )
 
 
-class CasadiFlow:
+class CasadiFlow(Flow):
     """A ``ca.integrator`` over one grid of times."""
 
     def __init__(
@@ -257,8 +227,7 @@ class CasadiFlow:
                 f"{integrator.plugin} integrates smooth controls only; use `integrator: rk4` for a {basis.kind} basis",
                 path="solvers.jacobian.integrator",
             )
-        self.times = np.asarray(times, dtype=float)
-        self._dynamics, rate = dynamics, dynamics.rate
+        self.times, self._dynamics, rate = times, dynamics, dynamics.rate
         inputs = rate.size1_in(1)
         y, t = ca.SX.sym("y", rate.size1_in(0)), ca.SX.sym("t")
         coefficients = ca.SX.sym("L", inputs, basis.size)

@@ -1,9 +1,7 @@
-r"""The classical Runge–Kutta step and its exact derivative, transposed: what one sweep over the steps is made of.
+"""One sweep over the steps of an explicit Runge–Kutta scheme: the path, and its exact derivative, pulled back.
 
-A step y ↦ y⁺ of ẏ = f(y, u) sees the control at its start, middle and end. With F_i = ∂f/∂y and B_i = ∂f/∂u at the
-points Y_i of its four stages, rows c of the end's derivative are pulled back through a step from the last stage on,
-    κ_i = h w_i/6 c + h a_{i+1} κ_{i+1} F_{i+1},      c ↦ c + Σ κ_i F_i,      ∂/∂u_i = κ_i B_i,
-which is the transpose of the scheme itself: exact to rounding, and of a cost that no basis of controls enters.
+A step y ↦ y⁺ of ẏ = f(y, u) sees the control at a few of its times only (`Tableau`), so that no basis enters a step:
+rows of the end's derivative are pulled back through the steps, and what they gather is summed against φ at the end.
 """
 
 from __future__ import annotations
@@ -20,13 +18,11 @@ from nhpocp.arrays import Array
 from nhpocp.calls import accumulated, call, lent, side_by_side
 from nhpocp.controls.samples import Samples
 from nhpocp.flow.dynamics import Dynamics
+from nhpocp.flow.tableau import CLASSICAL, Tableau
 from nhpocp.kept import kept
 
-# a_i, which of the three controls, w_i
-TABLEAU = ((0.0, 0, 1.0), (0.5, 1, 2.0), (0.5, 1, 2.0), (1.0, 2, 1.0))
 SLICE = 4096  # steps that CasADi evaluates at once: its memory for them grows with their number
-PLACES = np.array([place for _, place, _ in TABLEAU])
-APART = 1 / 64  # between the controls that a kernel is tried on
+APART = 1 / 64  # of a control and as much besides: between those that a kernel is tried on
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,17 +30,23 @@ class Grid:
     """The steps of a flow, and where they see its control. The arrays are contiguous."""
 
     h: Array  # step lengths (steps,)
-    nodes: Array  # where the start, middle and end of each step stand among the samples, (steps, 3)
+    nodes: Array  # where what each step sees stands among the samples, (steps, seen)
     samples: Samples  # φ
 
     @cached_property
     def basis(self) -> Array:
-        """φ at the start, middle and end of each step, (steps, 3, size)."""
+        """φ where each step sees the control, (steps, seen, size)."""
         return self.samples.dense()[self.nodes]
 
     def first(self, steps: int) -> Grid:
         """The first steps alone."""
         return Grid(self.h[:steps], self.nodes[:steps], self.samples)
+
+    def by_coefficients(self, gathered: Array) -> Array:
+        """Derivatives by λ, (rows, m·size), from those by the controls at the samples, (samples, rows, m)."""
+        count, rows, inputs = gathered.shape
+        summed = self.samples.transposed(gathered.reshape(count, rows * inputs))
+        return summed.T.reshape(rows, -1)
 
 
 class Sweep(NamedTuple):
@@ -59,21 +61,9 @@ class Sweep(NamedTuple):
     def h(self) -> Array:
         return self.grid.h
 
-    def trial(self, steps: int) -> Sweep:
-        """A shorter one with one stop at its end, under a control near the given one, which may be nothing."""
-        grid = self.grid.first(steps)
-        return self._replace(grid=grid, stops=(len(grid.h),), coefficients=_apart(self.coefficients, APART))
-
     def controls(self) -> Array:
-        """u at the start, middle and end of each step, (steps, 3, m)."""
+        """u where each step sees it, (steps, seen, m)."""
         return self.grid.samples.controls(self.coefficients)[self.grid.nodes]
-
-    def by_coefficients(self, gathered: Array) -> Array:
-        """Derivatives by λ, (rows, m·size), from those by the controls at the samples, (samples, rows, m)."""
-        inputs, size = self.coefficients.shape
-        count, rows, _ = gathered.shape
-        found = self.grid.samples.transposed(gathered.reshape(count, rows * inputs))
-        return found.T.reshape(rows, inputs * size)
 
 
 class Swept(NamedTuple):
@@ -92,21 +82,15 @@ class Bundle(NamedTuple):
     coefficients: Array  # Λ, (k, m, size)
     differentiated: bool  # whether the derivatives of the ends are wanted
 
-    def sweeps(self) -> list[Sweep]:
-        """The paths one by one."""
-        stops = (len(self.grid.h),) if self.differentiated else ()
-        return [Sweep(self.start, self.grid, each, stops) for each in self.coefficients]
+    @property
+    def stops(self) -> tuple[int, ...]:
+        return (len(self.grid.h),) if self.differentiated else ()
 
-    def trial(self, number: int, steps: int) -> Bundle:
-        """So many shorter ones, no two alike, differentiated."""
-        taken = self.coefficients.take(np.arange(number), axis=0, mode="wrap")
-        apart = APART * np.arange(number)[:, None, None]
-        return Bundle(self.start, self.grid.first(steps), _apart(taken, apart), True)
-
-
-def _apart(coefficients: Array, share: Any) -> Array:
-    """Other controls, by that share of what is given and as much besides: nothing may be all that is given."""
-    return np.asarray((1.0 + share) * coefficients + share)
+    @classmethod
+    def trial(cls, start: Array, grid: Grid, coefficients: Array, number: int) -> Bundle:
+        """So many paths under controls near a given one, which may be nothing, and no two alike."""
+        shares = APART * (1.0 + np.arange(number)[:, None, None])
+        return cls(start, grid, (1.0 + shares) * coefficients + shares, True)
 
 
 class Ends(NamedTuple):
@@ -120,8 +104,8 @@ class Ends(NamedTuple):
 class Scheme:
     """CasADi functions of one step, for f: n numbers, m inputs. Matrices are passed by columns."""
 
-    def __init__(self, dynamics: Dynamics) -> None:
-        self.functions = dynamics.functions
+    def __init__(self, dynamics: Dynamics, tableau: Tableau) -> None:
+        self.functions, self.tableau = dynamics.functions, tableau
         self.rate = rate = dynamics.rate
         linearised, observed, watched = dynamics.linearised, dynamics.observed, dynamics.watched
         self.size, self.inputs = rate.size1_in(0), rate.size1_in(1)
@@ -153,9 +137,9 @@ class Scheme:
 
     @cached_property
     def step(self) -> ca.Function:
-        """(y, h, [u at start, middle, end]) ↦ (y⁺, points n × 4)."""
-        y, h, u = self._y, ca.SX.sym("h"), ca.SX.sym("u", self.inputs, 3)
-        following, points = _stages(self.rate, y, h, u)
+        """(y, h, u where the step sees it, m × seen) ↦ (y⁺, points n × stages)."""
+        y, h, u = self._y, ca.SX.sym("h"), ca.SX.sym("u", self.inputs, self.tableau.seen)
+        following, points = self.tableau.step(lambda point, place: self.rate(point, u[:, place]), y, h)
         return ca.Function("step", [y, h, u], [ca.densify(following), ca.densify(ca.horzcat(*points))])
 
     @cached_property
@@ -165,24 +149,25 @@ class Scheme:
 
     @cached_property
     def pulled_row(self) -> ca.Function:
-        """(one row c as a column, slopes, h) ↦ (c before the step, its derivatives by the three controls, m × 3)."""
+        """(one row c as a column, slopes, h) ↦ (c before the step, its derivatives by the controls, m × seen)."""
         row, h = ca.SX.sym("c", self.size), ca.SX.sym("h")
-        tape, stages = self._slopes.stages()
-        before, gradients = _pulled(row.T, stages, h)
+        tape, slopes = self._slopes.of(self.tableau.stages)
+        before, gradients = self.tableau.pulled_back(row.T, slopes, h)
         outputs = [ca.densify(before.T), ca.densify(ca.horzcat(*(g.T for g in gradients)))]
         return ca.Function("pulled_row", [row, tape, h], ca.cse(outputs))
 
     @cached_property
     def blocks(self) -> ca.Function:
-        """(slopes, h) ↦ the derivatives of a step by its first state, n × n, and its controls, n × 3 m; transposed."""
-        h, (tape, stages) = ca.SX.sym("h"), self._slopes.stages()
-        by_state, by_controls = _pulled(ca.SX.eye(self.size), stages, h)
+        """(slopes, h) ↦ a step's derivatives by its first state, n × n, and its controls, n × seen m; transposed."""
+        h, (tape, slopes) = ca.SX.sym("h"), self._slopes.of(self.tableau.stages)
+        by_state, by_controls = self.tableau.pulled_back(ca.SX.eye(self.size), slopes, h)
         outputs = [ca.densify(by_state.T), ca.densify(ca.horzcat(*by_controls).T)]
         return ca.Function("blocks", [tape, h], ca.cse(outputs))
 
     def bundled(self, bundle: Bundle) -> Ends:
         """By CasADi's own evaluation, one path after another."""
-        return ends_of([self.swept(sweep) for sweep in bundle.sweeps()])
+        start, grid, coefficients, _ = bundle
+        return ends_of([self.swept(Sweep(start, grid, each, bundle.stops)) for each in coefficients])
 
     def linearised_along(self, sweep: Sweep) -> Linearised:
         """The path, and what every step makes of changes of its state and controls; by CasADi's own evaluation.
@@ -192,24 +177,25 @@ class Scheme:
         h, controls = sweep.h, sweep.controls()
         if len(h) <= SLICE:
             return self._linearised(sweep.start, h, controls)
-        start, found = sweep.start, []
+        start, parts = sweep.start, []
         for first in range(0, len(h), SLICE):
             steps = slice(first, first + SLICE)
-            found.append(self._linearised(start, h[steps], controls[steps]).copy())
-            start = found[-1].path[-1]
-        path = np.concatenate([sweep.start[None], *(part.path[1:] for part in found)])
+            parts.append(self._linearised(start, h[steps], controls[steps]).copy())
+            start = parts[-1].path[-1]
+        path = np.concatenate([sweep.start[None], *(part.path[1:] for part in parts)])
         return Linearised(
             path,
-            np.concatenate([part.by_state for part in found]),
-            np.concatenate([part.by_controls for part in found]),
+            np.concatenate([part.by_state for part in parts]),
+            np.concatenate([part.by_controls for part in parts]),
         )
 
     def _linearised(self, start: Array, h: Array, controls: Array) -> Linearised:
-        """The same for some steps after one another."""
+        """`linearised_along` for no more than `SLICE` steps after one another."""
         n = self.size
-        found, points = lent(accumulated(self.step, len(h)), start, h, controls)
-        path = np.concatenate([start[None], found])
-        (slopes,) = lent(side_by_side(self.slopes, len(points)), points, controls.take(PLACES, axis=1))
+        reached, points = lent(accumulated(self.step, len(h)), start, h, controls)
+        path = np.concatenate([start[None], reached])
+        at_stages = controls.take(self.tableau.places, axis=1)
+        (slopes,) = lent(side_by_side(self.slopes, len(points)), points, at_stages)
         by_state, by_controls = lent(side_by_side(self.blocks, len(h)), slopes, h)
         return Linearised(path, by_state.reshape(-1, n, n), by_controls.reshape(len(h), n, -1))
 
@@ -224,21 +210,21 @@ class Scheme:
         """By CasADi's own evaluation."""
         derivatives = np.zeros((len(sweep.stops), self.rows, sweep.coefficients.size))
         if not len(sweep.stops):
-            return Swept(walked(self.rate, sweep), derivatives, np.empty((0, self.watches)))
+            return Swept(walked(self.rate, self.tableau, sweep), derivatives, np.empty((0, self.watches)))
         steps = self.linearised_along(sweep)
-        for found, stop in zip(derivatives, sweep.stops, strict=True):
+        for derivative, stop in zip(derivatives, sweep.stops, strict=True):
             if stop:  # y(0) is given
                 (matrix,) = call(self.observed, steps.path[stop])
                 rows, grid = matrix.reshape(self.size, self.rows).T, sweep.grid
                 gathered = steps.pulled_back(rows, grid.nodes[:stop], len(grid.samples))
                 with np.errstate(all="ignore"):  # a path that runs away is the caller's to judge
-                    found[:] = sweep.by_coefficients(gathered)
+                    derivative[:] = grid.by_coefficients(gathered)
         return Swept(steps.path, derivatives, self.watched_along(steps.path))
 
 
-def ends_of(found: Sequence[Swept]) -> Ends:
+def ends_of(sweeps: Sequence[Swept]) -> Ends:
     """The ends of sweeps that all stop there, or nowhere."""
-    path, derivatives, watched = (np.stack(parts) for parts in zip(*found, strict=True))
+    path, derivatives, watched = (np.stack(parts) for parts in zip(*sweeps, strict=True))
     if derivatives.shape[1]:
         return Ends(path[:, -1], derivatives[:, -1], watched)
     return Ends(path[:, -1], np.empty((0, *derivatives.shape[2:])), np.empty((0, *watched.shape[1:])))
@@ -246,11 +232,11 @@ def ends_of(found: Sequence[Swept]) -> Ends:
 
 @dataclass(frozen=True)
 class Linearised:
-    """Every step linearised about a path: dy_{k+1} = Φ_k dy_k + Γ_k du_k, u_k the controls at start, middle and end."""
+    """Every step linearised about a path: dy_{k+1} = Φ_k dy_k + Γ_k du_k, u_k the controls that it sees."""
 
     path: Array  # y, (steps + 1, n)
     by_state: Array  # Φ, (steps, n, n)
-    by_controls: Array  # Γ, (steps, n, 3 m)
+    by_controls: Array  # Γ, (steps, n, seen m)
 
     def copy(self) -> Linearised:
         """One that lasts."""
@@ -265,16 +251,17 @@ class Linearised:
             for k in reversed(range(steps)):
                 back[k + 1].dot(self.by_state[k], back[k])
             by_controls = back[1:] @ self.by_controls[:steps]
-            by_controls = by_controls.reshape(steps, len(rows), 3, -1)
+            by_controls = by_controls.reshape(steps, len(rows), nodes.shape[1], -1)
             gathered = np.zeros((samples, len(rows), by_controls.shape[3]))
-            for place, column in enumerate(nodes.T):  # no two steps share a start, a middle, or an end
+            # no two steps have a start in common, nor an end, nor what lies between
+            for place, column in enumerate(nodes.T):
                 gathered[column] += by_controls[:, :, place]
             return gathered
 
     def pushed_on(self, basis: Array) -> Array:
         """dy by λ at every point of the path, (steps + 1, n, m·size)."""
         steps, n = self.by_controls.shape[:2]
-        by_controls = self.by_controls.reshape(steps, n, 3, -1)
+        by_controls = self.by_controls.reshape(steps, n, basis.shape[1], -1)
         along = np.zeros((steps + 1, n, by_controls.shape[3] * basis.shape[2]))
         with np.errstate(all="ignore"):
             driven = np.einsum("knjm,kjf->knmf", by_controls, basis).reshape(steps, n, -1)
@@ -284,56 +271,33 @@ class Linearised:
 
 
 @kept(most=64)
-def runge_kutta_step(rate: ca.Function) -> ca.Function:
-    """(y, h, [u(t), u(t + h/2), u(t + h)]) ↦ y(t + h), the last argument m × 3."""
+def runge_kutta_step(rate: ca.Function, tableau: Tableau = CLASSICAL) -> ca.Function:
+    """(y, h, u where the step sees it, m × seen) ↦ y after the step."""
     y, h = ca.SX.sym("y", rate.size1_in(0)), ca.SX.sym("h")
-    u = ca.SX.sym("u", rate.size1_in(1), 3)
-    following, _ = _stages(rate, y, h, u)
+    u = ca.SX.sym("u", rate.size1_in(1), tableau.seen)
+    following, _ = tableau.step(lambda point, place: rate(point, u[:, place]), y, h)
     return ca.Function("step", [y, h, u], [ca.densify(following)], ["y", "h", "u"], ["next"])
 
 
-def walked(rate: ca.Function, sweep: Sweep) -> Array:
+def walked(rate: ca.Function, tableau: Tableau, sweep: Sweep) -> Array:
     """The path alone, (steps + 1, n), by CasADi's own evaluation."""
     h, controls, path = sweep.h, sweep.controls(), [sweep.start[None]]
     for first in range(0, len(h), SLICE):
         steps = slice(first, first + SLICE)
-        step = accumulated(runge_kutta_step(rate), len(h[steps]))
+        step = accumulated(runge_kutta_step(rate, tableau), len(h[steps]))
         path += call(step, path[-1][-1], h[steps], controls[steps])
     return np.concatenate(path)
 
 
 @kept(most=16)
-def scheme(dynamics: Dynamics) -> Scheme:
+def scheme(dynamics: Dynamics, tableau: Tableau) -> Scheme:
     """The `Scheme` of a right-hand side, made once."""
-    return Scheme(dynamics)
+    return Scheme(dynamics, tableau)
 
 
 def differentiated(rate: ca.Function, y: ca.SX, u: ca.SX) -> ca.SX:
     """[∂rate/∂y, ∂rate/∂u] by CasADi's AD."""
     return ca.densify(ca.jacobian(rate(y, u), ca.vertcat(y, u)))
-
-
-def _stages(rate: ca.Function, y: ca.SX, h: ca.SX, u: ca.SX) -> tuple[ca.SX, list[ca.SX]]:
-    """y⁺ and the points Y_i."""
-    points, total, slope = [], ca.SX.zeros(y.size1()), ca.SX.zeros(y.size1())
-    for offset, place, weight in TABLEAU:
-        points.append(y + offset * h * slope if offset else y)
-        slope = rate(points[-1], u[:, place])
-        total += weight * slope
-    return y + h / 6 * total, points
-
-
-def _pulled(c: ca.SX, slopes: Sequence[ca.SX], h: ca.SX) -> tuple[ca.SX, list[ca.SX]]:
-    """The rows c before the step, and their derivatives by the controls at start, middle and end."""
-    n, before, gradients, later = c.size2(), c, [ca.SX(0)] * 3, None
-    for stage, (offset, place, weight) in reversed(list(zip(slopes, TABLEAU, strict=True))):
-        share = (weight / 6 * h) * c
-        kappa = share if later is None else share + later
-        through = kappa @ stage
-        gradients[place] = gradients[place] + through[:, n:]
-        before = before + through[:, :n]
-        later = (offset * h) * through[:, :n]
-    return before, gradients
 
 
 class _Packed:
@@ -343,7 +307,7 @@ class _Packed:
         matrix = ca.cse(ca.sparsify(matrix))
         self._pattern = matrix.sparsity()
         self._entries: list[tuple[int | None, float]] = []  # place and sign, or no place and the constant
-        found: dict[int, tuple[int, Any]] = {}
+        seen: dict[int, tuple[int, Any]] = {}
         entry: Any
         for entry in matrix.nonzeros():
             if entry.is_constant():
@@ -351,14 +315,14 @@ class _Packed:
                 continue
             negative = entry.is_op(ca.OP_NEG)
             entry = entry.dep(0) if negative else entry
-            place, _ = found.setdefault(entry.element_hash(), (len(found), entry))
+            place, _ = seen.setdefault(entry.element_hash(), (len(seen), entry))
             self._entries.append((place, -1.0 if negative else 1.0))
-        self.numbers = ca.vertcat(ca.SX(0, 1), *[entry for _, entry in found.values()])
+        self.numbers = ca.vertcat(ca.SX(0, 1), *[entry for _, entry in seen.values()])
 
-    def stages(self) -> tuple[ca.SX, list[ca.SX]]:
-        """Symbols for the numbers of a step's four stages, a column each, and the matrix of each."""
-        tape = ca.SX.sym("tape", self.numbers.numel(), len(TABLEAU))
-        return tape, [self._unpacked(tape[:, stage]) for stage in range(len(TABLEAU))]
+    def of(self, stages: int) -> tuple[ca.SX, list[ca.SX]]:
+        """Symbols for the numbers of a step's stages, a column each, and the matrix of each."""
+        tape = ca.SX.sym("tape", self.numbers.numel(), stages)
+        return tape, [self._unpacked(tape[:, stage]) for stage in range(stages)]
 
     def _unpacked(self, numbers: ca.SX) -> ca.SX:
         entries = [factor if place is None else factor * numbers[place] for place, factor in self._entries]

@@ -12,8 +12,10 @@ from nhpocp.arrays import Array
 from nhpocp.controls.control import Control
 from nhpocp.deferred import Deferred
 from nhpocp.flow.dynamics import Dynamics
-from nhpocp.flow.integrators import RungeKutta4, enough_steps, uniform_grid
-from nhpocp.objectives import INTEGRANDS, available
+from nhpocp.flow.integrators import RungeKutta4, uniform_grid
+from nhpocp.flow.step_error import enough_steps
+from nhpocp.objectives.objective import PathObjective
+from nhpocp.objectives.registry import available, exact_costs
 from nhpocp.problem import PlanningProblem
 from nhpocp.systems.numeric import numeric_system
 
@@ -34,8 +36,7 @@ def simulate(problem: PlanningProblem, control: Control) -> Motion:
     """The motion under a control, at ``problem.samples`` equidistant times; NaN from where it cannot be integrated.
 
     It is integrated when it is first looked at. The costs are trapezoidal sums over the integration's own steps
-    (relative error about 1e-6), each step seeing the control's one-sided values; the effort is exact, from the Gram
-    matrix.
+    (relative error about 1e-6), each step seeing the control's one-sided values; those of the control alone are exact.
     """
     samples = problem.samples
 
@@ -46,7 +47,7 @@ def simulate(problem: PlanningProblem, control: Control) -> Motion:
 
     return Motion(
         Deferred(lambda: _sampled(problem, control, *integrated())),
-        Deferred(lambda: _costs(problem, control, *integrated()), {"effort": control.effort}),
+        Deferred(lambda: _costs(problem, control, *integrated()), exact_costs(control)),
     )
 
 
@@ -62,13 +63,15 @@ def _sampled(problem: PlanningProblem, control: Control, times: Array, path: Arr
 
 
 def _costs(problem: PlanningProblem, control: Control, times: Array, path: Array) -> dict[str, float]:
-    """The integrals that have no closed form."""
+    """The integrals along the path."""
     numeric, steps, costs = numeric_system(problem.system), len(times) - 1, {}
     states = np.vstack([path[:-1], path[1:]])
     controls = np.vstack([control(times[:-1], "right"), control(times[1:], "left")])
-    for name in available(problem.system)[1:]:
-        values = numeric.along(INTEGRANDS[name], states, controls, problem.scale)
-        costs[name] = float(0.5 * np.diff(times) @ (values[:steps] + values[steps:]))
+    for objective in available(problem.system):
+        if not isinstance(objective, PathObjective):
+            continue
+        values = numeric.along(objective.integrand, states, controls, problem.scale)
+        costs[objective.name] = float(0.5 * np.diff(times) @ (values[:steps] + values[steps:]))
     return costs
 
 

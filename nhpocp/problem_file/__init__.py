@@ -6,15 +6,14 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from nhpocp.problem_file.building import build as build
-    from nhpocp.problem_file.building import build_basis as build_basis
     from nhpocp.problem_file.building import build_solver as build_solver
     from nhpocp.problem_file.building import control_from_json as control_from_json
-    from nhpocp.problem_file.building import load_problem as load_problem
-    from nhpocp.problem_file.building import parse_problem as parse_problem
     from nhpocp.problem_file.dumping import dump_problem as dump_problem
     from nhpocp.problem_file.editor_schema import json_schema as json_schema
     from nhpocp.problem_file.reading import ProblemFile as ProblemFile
+    from nhpocp.problem_file.reading import build as build
+    from nhpocp.problem_file.reading import load_problem as load_problem
+    from nhpocp.problem_file.reading import parse_problem as parse_problem
     from nhpocp.problem_file.reading import read as read
     from nhpocp.problem_file.reading import read_text as read_text
     from nhpocp.problem_file.registry import systems as systems
@@ -23,14 +22,13 @@ if TYPE_CHECKING:
 
 _HOMES = {
     "ProblemFile": "reading",
-    "build": "building",
-    "build_basis": "building",
+    "build": "reading",
     "build_solver": "building",
     "control_from_json": "building",
     "dump_problem": "dumping",
     "json_schema": "editor_schema",
-    "load_problem": "building",
-    "parse_problem": "building",
+    "load_problem": "reading",
+    "parse_problem": "reading",
     "read": "reading",
     "read_text": "reading",
     "starter": "starters",

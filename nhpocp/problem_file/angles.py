@@ -6,7 +6,8 @@ from collections.abc import Iterator, Mapping
 from math import pi
 from typing import Any
 
-from nhpocp.problem_file.issues import Issue, Path
+from nhpocp.errors import InvalidProblemError
+from nhpocp.problem_file.document import dotted
 from nhpocp.systems.system import System
 
 TURN = 2 * pi
@@ -14,21 +15,21 @@ TURN = 2 * pi
 ORIENTATION, COORDINATE = 1, 5
 
 
-def probable_degrees(raw: Mapping[str, Any], system: System) -> Iterator[Issue]:
+def probable_degrees(raw: Mapping[str, Any], system: System) -> Iterator[InvalidProblemError]:
     """A warning for every angle of the file, as it is written, that is a plain number too large for radians."""
     for path, value, turns in _angles(raw, system):
         plain = isinstance(value, int | float) and not isinstance(value, bool)
         if plain and abs(value) > turns * TURN:
             words = f"{value:g} radians are {abs(value) / TURN:.3g} turns; if degrees are meant, write {value:g} deg"
-            yield Issue(path, words)
+            yield InvalidProblemError(words, path=dotted(path))
 
 
-def _angles(raw: Mapping[str, Any], system: System) -> Iterator[tuple[Path, Any, float]]:
+def _angles(raw: Mapping[str, Any], system: System) -> Iterator[tuple[tuple[str | int, ...], Any, float]]:
     block = raw["system"]
     for name, parameter in system.declared.items():
         if parameter.unit == "angle" and name in block:
             yield ("system", name), block[name], ORIENTATION
-    poses: list[tuple[Path, Any]] = [(("start",), raw["start"]), (("goal",), raw["goal"])]
+    poses: list[tuple[tuple[str | int, ...], Any]] = [(("start",), raw["start"]), (("goal",), raw["goal"])]
     poses += [(("via", i), via) for i, via in enumerate(raw.get("via") or ())]
     for path, pose in poses:
         for part in system.state_space.blocks:

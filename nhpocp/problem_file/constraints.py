@@ -2,22 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-from pydantic import (
-    AfterValidator,
-    BeforeValidator,
-    Discriminator,
-    Field,
-    Tag,
-)
+from pydantic import BeforeValidator, Discriminator, Field, Tag, create_model
 
-from nhpocp.problem_file.issues import Issue, Refusal
-from nhpocp.problem_file.numbers import NUMBER_SCHEMA, Checked, NotNegative, describe, parse_number
+from nhpocp.constraints.kind import Shape
+from nhpocp.constraints.registry import KINDS
+from nhpocp.errors import describe
+from nhpocp.problem_file.numbers import NUMBER_SCHEMA, Checked, NotNegative, parse_number
 from nhpocp.problem_file.states import Strict
-from nhpocp.state_space import Block
-from nhpocp.systems.system import System
 
 
 def _side(value: Any) -> float | None:
@@ -36,16 +29,7 @@ def _pair(value: Any) -> Any:
     return value
 
 
-def _ordered(pair: list[float | None]) -> list[float | None]:
-    low, high = pair
-    if low is not None and high is not None and low > high:
-        raise ValueError(f"lower bound {low:g} is above upper bound {high:g}")
-    return pair
-
-
-Pair = Annotated[
-    list[Side], Field(min_length=2, max_length=2), BeforeValidator(_pair), AfterValidator(_ordered)
-]
+Pair = Annotated[list[Side], Field(min_length=2, max_length=2), BeforeValidator(_pair)]
 
 
 def _control_kind(value: Any) -> str:
@@ -68,86 +52,33 @@ def _bound_kind(value: Any) -> str:
     return "<lists>" if isinstance(value, list) and any(isinstance(x, list) for x in value) else "<pair>"
 
 
-def _ordered_lists(bound: list[list[float | None]]) -> list[list[float | None]]:
-    low, high = bound
-    if len(low) != len(high):
-        raise ValueError(f"{len(low)} lower but {len(high)} upper bounds; expected as many")
-    for i, (lo, hi) in enumerate(zip(low, high, strict=True)):
-        if lo is not None and hi is not None and lo > hi:
-            raise ValueError(f"lower bound {lo:g} is above upper bound {hi:g} in component {i + 1}")
-    return bound
-
-
 StateBound = Annotated[
     Annotated[Pair, Tag("<pair>")]
-    | Annotated[
-        list[list[Side]], Field(min_length=2, max_length=2), AfterValidator(_ordered_lists), Tag("<lists>")
-    ],
+    | Annotated[list[list[Side]], Field(min_length=2, max_length=2), Tag("<lists>")],
     Discriminator(_bound_kind),
     BeforeValidator(_state_bound),
 ]
 
 
+_SHAPES: dict[Shape, Any] = {
+    "number": NotNegative,
+    "pair": Pair,
+    "number or pairs": ControlBound,
+    "pairs by name": dict[str, StateBound],
+}
+
+
 class Constraints(Strict):
     """Bounds along the path; null as one side of a pair leaves that side open."""
 
-    leg_length: Pair | None = Field(default=None, description="[shortest, longest] leg")
-    leg_speed: NotNegative | None = Field(default=None, description="greatest |u_i|")
-    control: ControlBound | None = Field(
-        default=None, description="greatest |control|, or one [lo, hi] per input"
-    )
-    clearance: NotNegative | None = Field(
-        default=None, description="least singular value of S and W, rotation columns divided by length_scale"
-    )
-    state: dict[str, StateBound] | None = Field(
-        default=None, description="[lo, hi], or [[lo, …], [hi, …]], by the name of a state block or an output"
-    )
+    def given(self) -> dict[str, Any]:
+        """What is bounded, by the keys of the block."""
+        return {key: value for key in KINDS if (value := getattr(self, key)) is not None}
 
 
-OF_LEGS = ("leg_length", "leg_speed")
-
-
-def check_constraints(value: Constraints, system: System, outputs: tuple[str, ...] | None) -> Constraints:
-    """The same constraints, if the system has everything that they name."""
-    if issues := list(_misfits(value, system, outputs)):
-        raise Refusal(issues)
-    return value
-
-
-def _misfits(value: Constraints, system: System, outputs: tuple[str, ...] | None) -> Iterator[Issue]:
-    if outputs is not None and "leg_lengths" not in outputs:
-        for name in OF_LEGS:
-            if getattr(value, name) is not None:
-                yield Issue((name,), f"the system {system.model} has no legs; remove it", at_key=True)
-    if value.clearance is not None and type(system).regularity is System.regularity:
-        words = f"the system {system.model} has no legs, or what else becomes singular; remove it"
-        yield Issue(("clearance",), words, at_key=True)
-    inputs = system.input_space.labels
-    if isinstance(value.control, list) and len(value.control) != len(inputs):
-        yield Issue(
-            ("control",),
-            f"{len(value.control)} pairs; expected {len(inputs)}, one [lo, hi] per input ({', '.join(inputs)})",
-        )
-    blocks = {block.name: block for block in system.state_space.blocks}
-    known = [name for name, block in blocks.items() if block.kind != "rotation"] + list(outputs or ())
-    for name, bound in (value.state or {}).items():
-        block = blocks.get(name)
-        if block is None:
-            if outputs is not None and name not in known:
-                yield Issue(("state", name), "unknown quantity", at_key=True, known=tuple(known))
-        elif block.kind == "rotation":
-            yield Issue(
-                ("state", name), f"a rotation cannot be bounded; bound one of {', '.join(known)}", at_key=True
-            )
-        elif (fault := _shape_fault(block, bound)) is not None:
-            yield Issue(("state", name), fault)
-
-
-def _shape_fault(block: Block, bound: list[Any]) -> str | None:
-    if not isinstance(bound[0], list):
-        return None  # [lo, hi] holds for every component
-    if block.kind == "scalar":
-        return "lists of bounds; expected [lo, hi], for this is one number"
-    if len(bound[0]) != block.components:
-        return f"{len(bound[0])} bounds a side; expected {block.components}"
-    return None
+_FIELDS: dict[str, Any] = {
+    key: (_SHAPES[kind.shape] | None, Field(default=None, description=kind.meaning))
+    for key, kind in KINDS.items()
+}
+if not TYPE_CHECKING:
+    Constraints = create_model("Constraints", __base__=Constraints, __doc__=Constraints.__doc__, **_FIELDS)

@@ -8,18 +8,15 @@ from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
+from nhpocp.constraints.registry import block_of
 from nhpocp.errors import InvalidProblemError
+from nhpocp.poses import goal_blocks
 from nhpocp.problem_file.reading import read_text
-from nhpocp.problem_file.settings import JacobianSettings, NlpSettings
+from nhpocp.problem_file.settings import BLOCKS
 
 if TYPE_CHECKING:
-    from nhpocp.constraints import Bound
     from nhpocp.problem import PlanningProblem
 
-_SETTINGS: dict[str, type[JacobianSettings | NlpSettings]] = {
-    "jacobian": JacobianSettings,
-    "nlp": NlpSettings,
-}
 _BLOCKS = {
     "",
     "control",
@@ -54,7 +51,7 @@ def _sources(problem: PlanningProblem) -> Iterator[str]:
 
 def _meaning(text: str) -> dict[str, Any] | None:
     """What a problem file says, in the words of `_data`; None where it is no problem file."""
-    from nhpocp.problem_file.building import parse_problem
+    from nhpocp.problem_file.reading import parse_problem
 
     try:
         return _data(parse_problem(text), {})
@@ -84,7 +81,7 @@ def _data(problem: PlanningProblem, settings: Mapping[str, Mapping[str, Any]]) -
         "error_length": problem.error_length,
         "length_scale": problem.length_scale,
         "via": [{"at": via.share, **_state(problem, via.goal)} for via in problem.via] or None,
-        "constraints": _constraints(problem) or None,
+        "constraints": block_of(problem.bounds, problem.system) or None,
         "solvers": _solvers(problem, settings) or None,
         "output": {"samples": problem.samples, "pictures": problem.pictures},
         "reference": dict(problem.reference) or None,
@@ -99,8 +96,7 @@ def _without_none(data: dict[str, Any]) -> dict[str, Any]:
 def _state(problem: PlanningProblem, values: Any) -> dict[str, Any]:
     import numpy as np
 
-    system = problem.system
-    kinds = {block.name: block.kind for block in [*system.state_space.blocks, *system.pose_outputs]}
+    kinds = {block.name: block.kind for block in goal_blocks(problem.system)}
     plain = {name: np.asarray(value, dtype=float).tolist() for name, value in values.items()}
     return {name: {"matrix": value} if kinds[name] == "rotation" else value for name, value in plain.items()}
 
@@ -108,12 +104,12 @@ def _state(problem: PlanningProblem, values: Any) -> dict[str, Any]:
 def _solvers(problem: PlanningProblem, settings: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
     """Settings under the file's names; what a file has no name for stays behind."""
     given = {name: solver.settings() for name, solver in problem.solvers.items()} | dict(settings)
-    return {name: writable(name, values) for name, values in given.items() if name in _SETTINGS}
+    return {name: writable(name, values) for name, values in given.items() if name in BLOCKS}
 
 
 def writable(name: str, settings: Mapping[str, Any]) -> dict[str, Any]:
     """The settings that a file can state: a step rule of the user's own, say, has no name there."""
-    known = {key: value for key, value in settings.items() if key in _SETTINGS[name].model_fields}
+    known = {key: value for key, value in settings.items() if key in BLOCKS[name].model_fields}
     known = _without_none(known)
     if _buildable(name, known):
         return known
@@ -128,65 +124,6 @@ def _buildable(name: str, settings: Mapping[str, Any]) -> bool:
     except InvalidProblemError:
         return False
     return True
-
-
-def _constraints(problem: PlanningProblem) -> dict[str, Any]:
-    found: dict[str, Any] = {}
-    pairs: list[Any] = []  # of `control`, one per input
-    for bound in problem.bounds:
-        label, _, rest = bound.label.partition(".")
-        low, high = _open(bound.lower), _open(bound.upper)
-        if label == "leg_length":
-            found[label] = [low, high]
-        elif label == "leg_speed":
-            found[label] = _symmetric(bound, low, high)
-        elif label == "clearance":
-            found[label] = low
-        elif label == "control":
-            pairs += _pairs(problem, bound, low, high)
-        elif label == "state":
-            found.setdefault(label, {})[rest] = _lists(low, high)
-        else:
-            raise InvalidProblemError(
-                f"a problem file has no word for the bound {bound.label!r}; expected one of leg_length, leg_speed, "
-                "control, clearance.sigma_s, state.<name>",
-                path="constraints",
-            )
-    if pairs:
-        found["control"] = pairs
-    return found
-
-
-def _pairs(problem: PlanningProblem, bound: Bound, low: Any, high: Any) -> list[Any]:
-    block = next(block for block in problem.system.input_space.blocks if block.name == bound.quantity)
-    lows, highs = ([side] * block.size if not isinstance(side, list) else side for side in (low, high))
-    return [list(pair) for pair in zip(lows, highs, strict=True)]
-
-
-def _lists(low: Any, high: Any) -> list[Any]:
-    """[lo, hi], both lists as soon as one is."""
-    if isinstance(low, list) != isinstance(high, list):
-        length = len(low if isinstance(low, list) else high)
-        return [side if isinstance(side, list) else [side] * length for side in (low, high)]
-    return [low, high]
-
-
-def _symmetric(bound: Bound, low: Any, high: Any) -> Any:
-    if isinstance(low, list) or low is None or high is None or low != -high:
-        raise InvalidProblemError(
-            f"the bound {bound.label!r} is not -c … c; a problem file has no word for it", path="constraints"
-        )
-    return high
-
-
-def _open(side: Any) -> Any:
-    """A side of a bound as plain data: null where it is infinite."""
-    import numpy as np
-
-    values = np.asarray(side, dtype=float)
-    if values.ndim:
-        return [_open(value) for value in values]
-    return float(values) if np.isfinite(values) else None
 
 
 def _write(data: dict[str, Any], path: str = "", indent: str = "") -> str:

@@ -13,6 +13,7 @@ from typing import Any
 from nhpocp.problem_file.numbers import NUMBER_SCHEMA
 from nhpocp.problem_file.registry import every_class, system_model
 from nhpocp.problem_file.schema import ProblemData
+from nhpocp.solvers.registry import SOLVERS
 from nhpocp.state_space import UNIT_WORDS, Block, StateSpace
 from nhpocp.systems.system import System
 
@@ -35,7 +36,7 @@ def json_schema() -> dict[str, Any]:
     properties["system"] = _system(classes, properties["system"]["description"])
     for name in MAY_BE_EMPTY:
         _allow_nothing(properties[name])
-    for name in ("jacobian", "nlp"):
+    for name in SOLVERS:
         _allow_nothing(definitions["Solvers"]["properties"][name])
     definitions["Rotation"] |= {"minProperties": 1, "maxProperties": 1}
     properties["goal"]["minProperties"] = 1

@@ -10,30 +10,30 @@ from typing import Any, get_args
 
 from pydantic import BaseModel, ValidationError
 
-from nhpocp.problem_file.issues import Issue, Path, Refusal, suggestion, unknown_key
-from nhpocp.problem_file.numbers import describe
+from nhpocp.errors import InvalidProblemError, describe, suggestion
+from nhpocp.problem_file.document import dotted
 from nhpocp.problem_file.states import Rotation
 
 MISSPELT = 100  # keys of one mapping: who writes more has not misspelt one
 _TAG = re.compile(r"<[a-z_]+>")  # our names for members of unions, which pydantic puts into paths
 
 
-def translate(error: ValidationError, model: type[BaseModel]) -> list[Issue]:
-    """Every error of a validation against ``model``."""
+def translate(error: ValidationError, model: type[BaseModel]) -> list[InvalidProblemError]:
+    """Every error of a validation against ``model``, its path from there."""
     details = error.errors(include_url=False)
     guessed = _guessed(details, model)
     return [
         issue
         for detail in details
         if detail["type"] != "missing" or detail["loc"] not in guessed  # its misspelt key is reported instead
-        for issue in _issues(detail, model)
+        for issue in _errors(detail, model)
     ]
 
 
-def _guessed(details: Sequence[Any], model: type[BaseModel]) -> set[Path]:
+def _guessed(details: Sequence[Any], model: type[BaseModel]) -> set[tuple[Any, ...]]:
     """The missing keys that an unknown key beside them was probably meant to be."""
     lacking = {detail["loc"][:-1] for detail in details if detail["type"] == "missing"}
-    beside: dict[Path, list[str]] = {}
+    beside: dict[tuple[Any, ...], list[str]] = {}
     for detail in details:
         mapping, name = detail["loc"][:-1], detail["loc"][-1]
         if detail["type"] == "extra_forbidden" and mapping in lacking:
@@ -46,25 +46,26 @@ def _guessed(details: Sequence[Any], model: type[BaseModel]) -> set[Path]:
     }
 
 
-def _named(raw: Path) -> tuple[str, ...]:
+def _named(raw: tuple[Any, ...]) -> tuple[str, ...]:
     """A path without the places in lists, which all have the same keys."""
     return tuple(part for part in raw if isinstance(part, str))
 
 
-def _issues(detail: Any, model: type[BaseModel]) -> list[Issue]:
+def _errors(detail: Any, model: type[BaseModel]) -> list[InvalidProblemError]:
     kind, raw, value = detail["type"], detail["loc"], detail.get("input")
     context = detail.get("ctx") or {}
-    path: Path = tuple(part for part in raw if not (isinstance(part, str) and _TAG.fullmatch(part)))
+    path = dotted(part for part in raw if not (isinstance(part, str) and _TAG.fullmatch(part)))
     if kind == "value_error":
         cause = context["error"]
-        if isinstance(cause, Refusal):
-            return [issue.under(path) for issue in cause.issues]
-        return [Issue(path, str(cause))]
+        if isinstance(cause, InvalidProblemError):
+            return [each.under(path) for each in (cause, *cause.others)]
+        return [InvalidProblemError(str(cause), path=path)]
     if kind == "extra_forbidden":
-        return [unknown_key(path, _keys(model, _named(raw[:-1])))]
-    if kind == "missing" and path == ("nhpocp",):
-        return [Issue(path, "required key is missing; begin the file with `nhpocp: 1`")]
-    return [Issue(path, _words(kind, value, context))]
+        known = _keys(model, _named(raw[:-1]))
+        return [InvalidProblemError("unknown key", path=path, word=str(raw[-1]), known=known)]
+    if kind == "missing" and path == "nhpocp":
+        return [InvalidProblemError("required key is missing; begin the file with `nhpocp: 1`", path=path)]
+    return [InvalidProblemError(_words(kind, value, context), path=path)]
 
 
 def _words(kind: str, value: Any, context: dict[str, Any]) -> str:
@@ -102,11 +103,11 @@ def _keys(model: type[BaseModel], raw: tuple[str, ...]) -> tuple[str, ...]:
             here = Rotation
         elif _TAG.fullmatch(part):
             here = _member(here, part)
-        elif (found := _model_in(here)) is not None and part in found.model_fields:
-            field = found.model_fields[part]
+        elif (owner := _model_in(here)) is not None and part in owner.model_fields:
+            field = owner.model_fields[part]
             here = (field.annotation, *field.metadata)
-    found = _model_in(here)
-    return tuple(found.model_fields) if found else ()
+    owner = _model_in(here)
+    return tuple(owner.model_fields) if owner else ()
 
 
 def _walk(annotation: Any) -> Iterator[Any]:

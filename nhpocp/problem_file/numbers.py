@@ -9,13 +9,14 @@ from typing import Annotated, Any
 
 from pydantic_core import CoreSchema, core_schema
 
+from nhpocp.declared import LARGEST_COUNT
+from nhpocp.errors import describe
+
 _DECIMAL = r"(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)"
 _PI = re.compile(rf"(?P<sign>-)?(?:(?P<factor>{_DECIMAL})\*)?pi(?:/(?P<divisor>{_DECIMAL}))?")
 _DEGREES = re.compile(rf"(?P<degrees>[-+]?{_DECIMAL}(?:[eE][-+]?[0-9]+)?) +deg")
 _PATTERN = rf"^(-?({_DECIMAL}\*)?pi(/{_DECIMAL})?|[-+]?{_DECIMAL}([eE][-+]?[0-9]+)? +deg)$"
 
-LARGEST_COUNT = 100_000  # intervals, steps
-LARGEST_DEGREE = 1000  # harmonics
 PLAUSIBLE = 1e-50, 1e50  # a unit's size: its squares and their products are still numbers
 
 
@@ -36,19 +37,14 @@ class Checked:
         return dict(self.schema)
 
 
-def describe(value: Any) -> str:
-    """A value from a file in plain words, for error messages."""
-    if value is None:
-        return "nothing"
-    if isinstance(value, bool):
-        return f"the truth value {str(value).lower()}"
-    if isinstance(value, int | float):
-        return f"the number {value:.12g}" if abs(value) < 1e300 else "a number too large"
-    if isinstance(value, str):
-        return f"the text {value!r}" if len(value) <= 40 else f"the text {value[:37]!r}…"
-    if isinstance(value, list):
-        return f"a list of {len(value)}"
-    return "a mapping" if isinstance(value, dict) else f"a {type(value).__name__}"
+class Choice:
+    """Annotation of a field: one of these names, those of a `Family` say."""
+
+    def __init__(self, *names: str) -> None:
+        self.names = names
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> CoreSchema:
+        return core_schema.literal_schema(list(self.names))
 
 
 def parse_number(value: Any) -> float:
@@ -71,64 +67,54 @@ def parse_number(value: Any) -> float:
 
 
 def _from_text(text: str) -> float:
-    if found := _DEGREES.fullmatch(text):
-        return float(found["degrees"]) * pi / 180
-    if found := _PI.fullmatch(text):
-        divisor = float(found["divisor"] or 1)
+    if parts := _DEGREES.fullmatch(text):
+        return float(parts["degrees"]) * pi / 180
+    if parts := _PI.fullmatch(text):
+        divisor = float(parts["divisor"] or 1)
         if divisor == 0:
             raise ValueError(f"{text!r} divides by zero")
-        number = float(found["factor"] or 1) * pi / divisor
-        return -number if found["sign"] else number
+        number = float(parts["factor"] or 1) * pi / divisor
+        return -number if parts["sign"] else number
     raise ValueError(f"expected a number, got {describe(text)}{_hint(text)}")
 
 
 def _hint(text: str) -> str:
     """What to write instead, where the intention can be guessed."""
     squeezed = re.sub(r"\s+|_", "", text)
-    if found := re.fullmatch(r"(.*?[0-9.])(deg|°|degrees?)", squeezed, re.IGNORECASE):
-        return f"; write {found[1] + ' deg'!r}" if _DEGREES.fullmatch(found[1] + " deg") else ""
+    if parts := re.fullmatch(r"(.*?[0-9.])(deg|°|degrees?)", squeezed, re.IGNORECASE):
+        return f"; write {parts[1] + ' deg'!r}" if _DEGREES.fullmatch(parts[1] + " deg") else ""
     if text != squeezed and _PI.fullmatch(squeezed):
         return f"; write {squeezed!r}"
     if re.fullmatch(rf"[-+]?{_DECIMAL}([eE][-+]?[0-9]+)?", squeezed):
         return f"; write {squeezed}" if squeezed != text else "; remove the quotes"
-    if found := re.fullmatch(rf"([-+]?{_DECIMAL}(?:[eE][-+]?[0-9]+)?)([a-zA-Zµ/]+)", squeezed):
-        if found[2] in ("rad", "radian", "radians"):
-            return f"; radians are plain numbers: write {found[1]}"
-        return f"; {found[2]!r} is no unit here, only deg is: write {found[1]}, in the unit of your other numbers"
+    if parts := re.fullmatch(rf"([-+]?{_DECIMAL}(?:[eE][-+]?[0-9]+)?)([a-zA-Zµ/]+)", squeezed):
+        if parts[2] in ("rad", "radian", "radians"):
+            return f"; radians are plain numbers: write {parts[1]}"
+        return f"; {parts[2]!r} is no unit here, only deg is: write {parts[1]}, in the unit of your other numbers"
     return "; numbers are written 0.5, 1e-3, -pi/6, 2*pi/3 or 75 deg" if re.search("pi|[0-9]", text) else ""
 
 
-def _positive(value: Any) -> float:
-    number = parse_number(value)
-    if number <= 0:
-        raise ValueError(f"{number:g} is not positive; expected a number > 0")
-    return number
+NUMBER_SCHEMA: dict[str, Any] = {
+    "type": ["number", "string"],
+    "pattern": _PATTERN,  # of texts; limits are of numbers
+    "patternErrorMessage": "expected a number such as 0.5, 1e-3, -pi/6, 2*pi/3 or 75 deg",  # editors show it
+}
 
 
-def _size(value: Any) -> float:
-    number = _positive(value)
-    least, most = PLAUSIBLE
-    if not least <= number <= most:
-        raise ValueError(f"{number:g} is out of range; expected a number from {least:g} to {most:g}")
-    return number
+def _limited(holds: Callable[[float], bool], fault: str, **limits: float) -> Checked:
+    """Numbers for which something holds; else what is wrong is said, as in "-1 is not positive"."""
+
+    def validate(value: Any) -> float:
+        number = parse_number(value)
+        if not holds(number):
+            raise ValueError(f"{number:g} {fault}")
+        return number
+
+    return Checked(validate, {**NUMBER_SCHEMA, **limits})
 
 
-def _not_negative(value: Any) -> float:
-    number = parse_number(value)
-    if number < 0:
-        raise ValueError(f"{number:g} is negative; expected a number >= 0")
-    return number
-
-
-def _share(value: Any) -> float:
-    number = parse_number(value)
-    if not 0 < number < 1:
-        raise ValueError(f"{number:g} is not inside the horizon; expected a share between 0 and 1")
-    return number
-
-
-def _whole(least: int, most: int | None) -> Callable[[Any], int]:
-    """A validator of whole numbers between two limits."""
+def checked_whole(least: int, most: int | None) -> Checked:
+    """Whole numbers between two limits."""
     span = f"from {least} to {most}" if most is not None else f">= {least}"
 
     def validate(value: Any) -> int:
@@ -139,44 +125,51 @@ def _whole(least: int, most: int | None) -> Callable[[Any], int]:
             raise ValueError(f"{number:.12g} is out of range; expected a whole number {span}")
         return int(number)
 
-    return validate
-
-
-def _auto_or_count(value: Any) -> int | str:
-    if value == "auto":
-        return "auto"
-    if isinstance(value, str) and not re.search("[0-9]", value):
-        raise ValueError(f"expected auto or a whole number, got {describe(value)}")
-    return _whole(1, LARGEST_COUNT)(value)
-
-
-def _integer_schema(least: int, most: int | None) -> dict[str, Any]:
     limits = {"minimum": least} if most is None else {"minimum": least, "maximum": most}
-    return {"type": "integer", **limits}
+    return Checked(validate, {"type": "integer", **limits})
 
 
-def _checked_whole(least: int, most: int | None) -> Checked:
-    return Checked(_whole(least, most), _integer_schema(least, most))
+def _word_or(word: str, number: Checked, what: str) -> Checked:
+    """One word, or a number."""
+
+    def validate(value: Any) -> Any:
+        if value == word:
+            return word
+        if isinstance(value, str) and not re.search("[0-9]", value):
+            raise ValueError(f"expected {word} or {what}, got {describe(value)}")
+        return number.validate(value)
+
+    return Checked(validate, {"anyOf": [{"const": word}, number.schema]})
 
 
-NUMBER_SCHEMA: dict[str, Any] = {
-    "type": ["number", "string"],
-    "pattern": _PATTERN,  # of texts; limits are of numbers
-    "patternErrorMessage": "expected a number such as 0.5, 1e-3, -pi/6, 2*pi/3 or 75 deg",  # editors show it
-}
+_NOT_NEGATIVE = _limited(lambda x: x >= 0, "is negative; expected a number >= 0", minimum=0)
+_COUNT = checked_whole(1, LARGEST_COUNT)
 
 Number = Annotated[float, Checked(parse_number, NUMBER_SCHEMA)]
-Positive = Annotated[float, Checked(_positive, {**NUMBER_SCHEMA, "exclusiveMinimum": 0})]
-Size = Annotated[float, Checked(_size, {**NUMBER_SCHEMA, "minimum": PLAUSIBLE[0], "maximum": PLAUSIBLE[1]})]
-NotNegative = Annotated[float, Checked(_not_negative, {**NUMBER_SCHEMA, "minimum": 0})]
+Positive = Annotated[
+    float, _limited(lambda x: x > 0, "is not positive; expected a number > 0", exclusiveMinimum=0)
+]
+Size = Annotated[
+    float,
+    _limited(
+        lambda x: PLAUSIBLE[0] <= x <= PLAUSIBLE[1],
+        f"is out of range; expected a number from {PLAUSIBLE[0]:g} to {PLAUSIBLE[1]:g}",
+        minimum=PLAUSIBLE[0],
+        maximum=PLAUSIBLE[1],
+    ),
+]
+NotNegative = Annotated[float, _NOT_NEGATIVE]
 Share = Annotated[
     float,
-    Checked(_share, {**NUMBER_SCHEMA, "exclusiveMinimum": 0, "exclusiveMaximum": 1}),
+    _limited(
+        lambda x: 0 < x < 1,
+        "is not inside the horizon; expected a share between 0 and 1",
+        exclusiveMinimum=0,
+        exclusiveMaximum=1,
+    ),
 ]
-Whole = Annotated[int, _checked_whole(0, None)]
-Count = Annotated[int, _checked_whole(1, LARGEST_COUNT)]
-AutoOrCount = Annotated[
-    int | str, Checked(_auto_or_count, {"anyOf": [{"const": "auto"}, _integer_schema(1, LARGEST_COUNT)]})
-]
-Degree = Annotated[int, _checked_whole(0, LARGEST_DEGREE)]
-Samples = Annotated[int, _checked_whole(2, 1_000_000)]
+Whole = Annotated[int, checked_whole(0, None)]
+Count = Annotated[int, _COUNT]
+AutoOrCount = Annotated[int | str, _word_or("auto", _COUNT, "a whole number")]
+Length = Annotated[float | str, _word_or("fixed", _NOT_NEGATIVE, "a length >= 0")]  # of a robot's leg
+Samples = Annotated[int, checked_whole(2, 1_000_000)]

@@ -23,11 +23,11 @@ def installed() -> dict[str, list[EntryPoint]]:
     """Every entry point of the group by its name, as many as claim it."""
     from importlib.metadata import entry_points  # a tenth of the time of `check`, which seldom needs it
 
-    found: dict[str, list[EntryPoint]] = {}
+    points: dict[str, list[EntryPoint]] = {}
     for point in sorted(entry_points(group=GROUP), key=lambda point: (point.name, point.value)):
-        if point not in found.setdefault(point.name, []):  # a distribution may stand on the path twice
-            found[point.name].append(point)
-    return found
+        if point not in points.setdefault(point.name, []):  # a distribution may stand on the path twice
+            points[point.name].append(point)
+    return points
 
 
 def load(points: list[EntryPoint]) -> type[System]:
@@ -40,17 +40,17 @@ def load(points: list[EntryPoint]) -> type[System]:
         origins = " and ".join(origin(one) for one in points)
         raise _broken(f"{point.name!r} is the name of {origins}; uninstall one")
     try:
-        found = point.load()
+        cls = point.load()
     except Exception as error:
         raise _broken(f"{origin(point)} cannot be loaded: {words(error)}") from error
-    if not (isinstance(found, type) and System in found.__mro__):
+    if not (isinstance(cls, type) and System in cls.__mro__):
         raise _broken(f"{origin(point)} is no subclass of nhpocp.System")
-    model = getattr(found, "model", None)
+    model = getattr(cls, "model", None)
     if model != point.name:
         raise _broken(
             f"{origin(point)} calls its model {model!r}; expected {point.name!r}, its entry point's name"
         )
-    return found
+    return cls
 
 
 def made(cls: type[System], origin: str, **parameters: Any) -> System:

@@ -1,53 +1,62 @@
-"""A problem file, read and validated; nothing is built and nothing heavy imported."""
+"""A problem file, read and checked: its shape by the models of `schema`, its meaning by the `PlanningProblem`.
+
+CasADi is not loaded: this is all of `nhpocp check`, which has a third of a second.
+"""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path as FilePath
 from typing import Any
 
+import numpy as np
 from pydantic import ValidationError
 
-from nhpocp.errors import InvalidProblemError
+from nhpocp.errors import InvalidProblemError, describe, refuse
+from nhpocp.foreseen import broken_poses
+from nhpocp.problem import PlanningProblem
 from nhpocp.problem_file import document as documents
 from nhpocp.problem_file.angles import probable_degrees
+from nhpocp.problem_file.building import assembled, build_solvers, via_order
 from nhpocp.problem_file.document import Document
-from nhpocp.problem_file.ends import broken_ends, coarse_tolerance
-from nhpocp.problem_file.issues import Issue, Path, Refusal, dotted
 from nhpocp.problem_file.messages import translate
-from nhpocp.problem_file.numbers import describe
-from nhpocp.problem_file.overrides import apply
-from nhpocp.problem_file.registry import read_system
-from nhpocp.problem_file.schema import Context, FreeHorizon, ProblemData
-from nhpocp.problem_file.states import plain_state
+from nhpocp.problem_file.overrides import apply, within
+from nhpocp.problem_file.plugins import words
+from nhpocp.problem_file.registry import SYSTEMS, read_system
+from nhpocp.problem_file.schema import ProblemData
+from nhpocp.scales import coarse
 from nhpocp.systems.system import System
 
 
 @dataclass(frozen=True)
 class ProblemFile:
-    """A validated problem file.
+    """A problem file that has been checked.
 
-    ``text`` is the YAML as read; with overrides, the same file with the overrides in it.
+    ``text`` is the YAML as read; with overrides, the same file with the overrides in it. ``problem`` has no solvers
+    yet. ``doubts``: what is legal and hardly meant.
     """
 
     data: ProblemData
     text: str
     path: FilePath | None
-    system: System
-    doubts: list[Issue] = field(default_factory=list)  # what is legal and hardly meant
-    place: Place | None = None
+    problem: PlanningProblem
+    doubts: list[InvalidProblemError]
+    place: Place
+
+    @property
+    def system(self) -> System:
+        return self.problem.system
 
     @property
     def warnings(self) -> list[str]:
         """The doubts as `path: message`."""
-        return [f"{dotted(doubt.path)}: {doubt.message}" for doubt in self.doubts]
+        return [f"{doubt.path}: {doubt.message}" for doubt in self.doubts]
 
     def warning_lines(self) -> list[str]:
         """The doubts as lines for people, with file, line and column."""
-        located = [
-            self.located(InvalidProblemError(d.message, path=dotted(d.path)), d.at_key) for d in self.doubts
-        ]
+        located = [self.place.error([doubt]) for doubt in self.doubts]
         return [f"{error.place or 'problem'}: warning: {error.path}: {error.message}" for error in located]
 
     def filled(self) -> dict[str, Any]:
@@ -57,65 +66,53 @@ class ProblemFile:
             **{name: self.data.system[name] for name in ("model", "preset") if name in self.data.system},
             **self.system.parameters(),
         }
-        known = self.data.length_scale, self.system.own_length, self.data.error_length
-        data["length_scale"] = next(length for length in known if length)
+        data["length_scale"] = self.problem.scale
         return data
 
-    def located(self, error: InvalidProblemError, at_key: bool = False) -> InvalidProblemError:
-        """The same error with file, line and column, as far as its path tells."""
-        if self.place is None or error.line is not None:
-            return error
-        return self.place.error([Issue(undotted(error.path or ""), error.message, at_key)])
+    def located(self, error: InvalidProblemError) -> InvalidProblemError:
+        """An error with file, line and column, as far as its path tells."""
+        return error if error.line is not None else self.place.error([error, *error.others])
 
 
 @dataclass(frozen=True)
 class Place:
-    """Where the text came from: turns issues into one error with file, line and column."""
+    """Where the text came from: turns errors into one with file, line and column."""
 
     file: str | None
     document: Document
-    overridden: Sequence[Path] = ()
+    overridden: Sequence[str] = ()
 
-    def error(self, issues: Iterable[Issue]) -> InvalidProblemError:
-        """The first issue in the order of the file, mistakes in --set before it; says how many more there are."""
-        unique = list(dict.fromkeys(issues))
+    def error(self, errors: Iterable[InvalidProblemError]) -> InvalidProblemError:
+        """The first error in the order of the file, mistakes in --set before it; says how many more there are."""
+        unique = list({(error.path, error.plain): error for error in errors}.values())
         first = min(unique, key=self._order)
         more = f" (and {len(unique) - 1} more)" if len(unique) > 1 else ""
-        path = dotted(first.path) or None
-        if by := self._override(first.path):
-            return InvalidProblemError(f"{first.words} (given by --set {dotted(by)}){more}", path=path)
-        mark = self.document.locate(first.path, first.at_key)
+        path = first.path or ""
+        if by := self._override(path):
+            return InvalidProblemError(f"{first.message} (given by --set {by}){more}", path=path)
+        mark = self.document.locate(path, first.at_key)
+        line, column = (mark.line, mark.column) if mark else (None, None)
         return InvalidProblemError(
-            first.words + more,
-            path=path,
-            file=self.file,
-            line=mark.line if mark else None,
-            column=mark.column if mark else None,
+            first.message + more, path=path or None, file=self.file, line=line, column=column
         )
 
-    def _override(self, path: Path) -> Path | None:
+    def _override(self, path: str) -> str | None:
         """The override that a path stands in, or that made the mapping where the path is missing."""
         if path in self.document.marks:
             return None
-        return next((done for done in self.overridden if path[: len(done)] == done), None) or next(
-            (done for done in self.overridden if path and done[: len(path)] == path), None
+        return next((done for done in self.overridden if within(path, done)), None) or next(
+            (done for done in self.overridden if path and within(done, path)), None
         )
 
-    def _order(self, issue: Issue) -> tuple[int, int]:
-        if self._override(issue.path):
+    def _order(self, error: InvalidProblemError) -> tuple[int, int]:
+        if self._override(error.path or ""):
             return (0, 0)
-        mark = self.document.locate(issue.path, issue.at_key)
+        mark = self.document.locate(error.path or "", error.at_key)
         return (mark.line, mark.column) if mark else (10**9, 0)
 
 
-def undotted(text: str) -> Path:
-    """via[0].at as ("via", 0, "at")."""
-    words = text.replace("[", ".[").split(".")
-    return tuple(int(word[1:-1]) if word.startswith("[") else word for word in words if word)
-
-
 def read(path: str | FilePath, overrides: Sequence[str] = ()) -> ProblemFile:
-    """A problem file, validated.
+    """A problem file, checked.
 
     Errors: `InvalidProblemError` with file, line and column.
     """
@@ -124,67 +121,142 @@ def read(path: str | FilePath, overrides: Sequence[str] = ()) -> ProblemFile:
 
 
 def read_text(text: str, file: str | None = None, overrides: Sequence[str] = ()) -> ProblemFile:
-    """The same from a text; ``file`` is how messages call it."""
+    """A problem file's text, checked; ``file`` is how messages call it."""
     return _read(text, file, FilePath(file) if file else None, overrides)
 
 
+def build(file: ProblemFile) -> PlanningProblem:
+    """The problem of a file, with its solvers."""
+    try:
+        if file.system.model not in SYSTEMS:
+            _try_out(file.problem)
+        return file.problem.with_(solvers=build_solvers(file.data))
+    except InvalidProblemError as error:
+        raise file.located(error) from None
+
+
+def load_problem(path: str | FilePath, overrides: Sequence[str] = ()) -> PlanningProblem:
+    """The problem that a file describes.
+
+    Errors: `InvalidProblemError` with file, line and column.
+    """
+    return build(read(path, overrides))
+
+
+def parse_problem(text: str, file: str | None = None, overrides: Sequence[str] = ()) -> PlanningProblem:
+    """The problem that a file's text describes, as `read_text`."""
+    return build(read_text(text, file, overrides))
+
+
 def _read(text: str, file: str | None, path: FilePath | None, overrides: Sequence[str]) -> ProblemFile:
-    document = documents.parse(text, file)
-    overridden: list[Path] = []
-    if not isinstance(document.data, dict):
-        raise InvalidProblemError(
-            f"expected a mapping that begins with `nhpocp: 1`, got {describe(document.data)}",
-            file=file,
-            line=1,
-            column=1,
-        )
+    overridden: list[str] = []
     if overrides:
-        document, overridden = apply(document, overrides, file)
+        document, overridden = apply(text, overrides, file)
+    else:
+        document = documents.parse(text, file)
+    if not isinstance(document.data, dict):
+        words = f"expected a mapping that begins with `nhpocp: 1`, got {describe(document.data)}"
+        raise InvalidProblemError(words, file=file, line=1, column=1)
     place = Place(file, document, overridden)
-    data, system = _validate(document.data, place)
-    if data.name is None:
-        data = data.model_copy(update={"name": _stem(path)})
     shown = document.text if overrides else text
-    return ProblemFile(data, shown, path, system, list(_doubts(data, system, document.data)), place)
+    try:
+        data, system = _validated(document.data)
+        if data.name is None:
+            data = data.model_copy(update={"name": _stem(path)})
+        problem = _assembled(data, system, shown)
+    except InvalidProblemError as error:
+        raise place.error([error, *error.others]) from None
+    return ProblemFile(data, shown, path, problem, list(_doubts(data, problem, document.data)), place)
 
 
 def _stem(path: FilePath | None) -> str:
     return "".join(c if c.isprintable() and c not in "\\/" else "_" for c in path.stem) if path else "problem"
 
 
-def _validate(raw: dict[str, Any], place: Place) -> tuple[ProblemData, System]:
-    issues: list[Issue] = []
-    system, block, context = None, None, None
+def _validated(raw: dict[str, Any]) -> tuple[ProblemData, System]:
+    """The shape of a file: every key, name and number. Errors: `InvalidProblemError` with all the `others`."""
+    wrong: list[InvalidProblemError] = []
+    system, block = None, None
     if "system" in raw:
         try:
             system, block = read_system(raw["system"])
-            context = Context(system, system.known_outputs)
-        except Refusal as refusal:
-            issues = [issue.under(("system",)) for issue in refusal.issues]
+        except InvalidProblemError as error:
+            wrong += [error, *error.others]
     try:
-        # the system's own issues are already known
-        checked = {**raw, "system": {}} if "system" in raw else raw
-        data = ProblemData.model_validate(checked, context=context)
+        # the system's own errors are already known
+        data = ProblemData.model_validate({**raw, "system": {}} if "system" in raw else raw)
     except ValidationError as error:
-        raise place.error(issues + translate(error, ProblemData)) from None
-    if system is None or issues:
-        raise place.error(issues)
+        wrong += translate(error, ProblemData)
+    refuse(wrong)
+    assert system is not None  # or it would be a key that is missing
     return data.model_copy(update={"system": block}), system
 
 
-def _doubts(data: ProblemData, system: System, raw: dict[str, Any]) -> Iterator[Issue]:
-    start, goal = plain_state(data.start), plain_state(data.goal)
-    if system.driftless and all(name in start and _close(goal[name], start[name]) for name in goal):
-        yield Issue(("goal",), "the same as start; the shortest plan is to stand still", at_key=True)
-    yield from broken_ends(data, system)
-    yield from coarse_tolerance(data, system)
-    yield from probable_degrees(raw, system)
-    if data.objective == "time" and not isinstance(data.horizon, FreeHorizon):
-        fixed = "time is fixed by horizon; write horizon: {min: …, max: …} to free it"
-        yield Issue(("objective",), fixed, at_key=True)
+def _assembled(data: ProblemData, system: System, text: str) -> PlanningProblem:
+    """The problem without solvers; what foreign equations raise is their model's fault."""
+    try:
+        return assembled(data, system, text)
+    except InvalidProblemError as error:
+        order = via_order(data)
+        for each in (error, *error.others):
+            each.path = _as_written(each.path or "", order)
+        raise
+    except Exception as error:
+        if system.model in SYSTEMS:
+            raise
+        raise _failing(system, error) from error
 
 
-def _close(a: Any, b: Any) -> bool:
-    if isinstance(a, list):
-        return all(_close(x, y) for x, y in zip(a, b, strict=True))
-    return abs(a - b) <= 1e-12 * max(1.0, abs(a))
+def _as_written(path: str, order: Sequence[int]) -> str:
+    """A path of the problem, whose via poses stand in the order of time, as one of the file."""
+    return re.sub(r"^via\[(\d+)\]", lambda place: f"via[{order[int(place[1])]}]", path)
+
+
+def _failing(system: System, error: Exception) -> InvalidProblemError:
+    fault = f"the equations of {system.model} fail at the start: {words(error)}"
+    return InvalidProblemError(fault, path="system.model")
+
+
+def _try_out(problem: PlanningProblem) -> None:
+    """Asks a system from elsewhere for its velocity, in numbers and in symbols, before any solver does."""
+    from nhpocp.systems.numeric import numeric_system
+
+    system, point, control = problem.system, problem.start_point, np.ones(problem.system.input_space.size)
+    try:
+        velocity = np.asarray(system.velocity(point, control), dtype=float)
+        rate = np.array(numeric_system(system).rate_function(point, control)).ravel()
+        shape = velocity.shape
+        agree = shape == (system.state_space.dimension,) and np.allclose(
+            rate, np.asarray(system.state_space.lift(point, velocity)), equal_nan=True
+        )
+    except Exception as error:
+        raise _failing(system, error) from error
+    if not agree:  # float() of a CasADi symbol is NaN and no error
+        fault = (
+            f"the velocity of {system.model} at the start is {velocity} in NumPy's numbers, but CasADi's expressions "
+            f"give the rate {rate}; expected the same, {system.state_space.dimension} numbers of velocity"
+        )
+        raise InvalidProblemError(fault, path="system.model")
+
+
+def _doubts(
+    data: ProblemData, problem: PlanningProblem, raw: dict[str, Any]
+) -> Iterator[InvalidProblemError]:
+    """What is legal and hardly meant."""
+    start, goal, order = problem.start, problem.goal, via_order(data)
+    if problem.system.driftless and all(
+        name in start and np.allclose(goal[name], start[name], 1e-12, 1e-12) for name in goal
+    ):
+        words = "the same as start; the shortest plan is to stand still"
+        yield InvalidProblemError(words, path="goal", at_key=True)
+    for pose, report in broken_poses(problem):
+        verb = {"start": "begin", "goal": "end"}.get(pose, "pass")
+        words = f"{report.name} is {report.value:.4g}, {report.limit_words()}; no plan can {verb} there"
+        yield InvalidProblemError(words, path=_as_written(pose, order), at_key=True)
+    poses = [start, *(via.goal for via in problem.via), goal]
+    if words := coarse(problem.scales, poses, data.error_length, data.solvers.jacobian.tolerance):
+        yield InvalidProblemError(words, path="error_length", at_key=True)
+    yield from probable_degrees(raw, problem.system)
+    if data.objective == "time" and not problem.horizon.free:
+        words = "time is fixed by horizon; write horizon: {min: …, max: …} to free it"
+        yield InvalidProblemError(words, path="objective", at_key=True)

@@ -7,15 +7,14 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Any, Literal, cast
+from typing import Any, Literal, cast
 
 from pydantic import Field, StrictBool, ValidationError, create_model
 
-from nhpocp.errors import InvalidProblemError
+from nhpocp.errors import InvalidProblemError, describe, refuse, suggestion
 from nhpocp.problem_file import plugins
-from nhpocp.problem_file.issues import Issue, Refusal, suggestion
 from nhpocp.problem_file.messages import translate
-from nhpocp.problem_file.numbers import Checked, Number, Positive, Whole, describe, parse_number
+from nhpocp.problem_file.numbers import Length, Number, Positive, Whole
 from nhpocp.problem_file.states import Strict, Vector3
 from nhpocp.state_space import Block
 from nhpocp.systems.system import Parameter, System
@@ -33,66 +32,6 @@ SYSTEMS: dict[str, str] = {
 }
 
 
-class LegData(Strict):
-    """One leg of the 3-ŬPU robot as built."""
-
-    base: Vector3 = Field(description="centre of the sphere, base coordinates")
-    platform: Vector3 = Field(description="centre of the universal joint, platform coordinates")
-    r: Vector3 = Field(description="roller normal, base coordinates (suslov: along g, w3, g×w3)")
-    w4: Vector3 = Field(description="axis of the universal joint fixed in the platform")
-    joint: Literal["veselova", "suslov"] = Field(
-        default="veselova", description="r fixed in the base or in the leg"
-    )
-
-
-def _length(value: Any) -> float | str:
-    if isinstance(value, str) and not any(c.isdigit() for c in value) and value != "fixed":
-        raise ValueError(f"expected fixed or a length >= 0, got {describe(value)}")
-    if value == "fixed":
-        return "fixed"
-    number = parse_number(value)
-    if number < 0:
-        raise ValueError(f"{number:g} is negative; expected fixed or a length >= 0")
-    return number
-
-
-Length = Annotated[
-    float | str, Checked(_length, {"anyOf": [{"const": "fixed"}, {"type": "number", "minimum": 0}]})
-]
-
-
-class JointedLegData(Strict):
-    """One leg of a parallel robot as built: its joints, and what is between them."""
-
-    base: Vector3 = Field(description="centre of the base joint, base coordinates")
-    platform: Vector3 = Field(description="centre of the platform joint, platform coordinates")
-    base_joint: Literal["veselova", "suslov", "universal", "spherical"] = Field(
-        default="veselova", description="about which directions the leg can turn in the base"
-    )
-    r: Vector3 | None = Field(
-        default=None,
-        description="about which it cannot: base coordinates (veselova), or along g, w3, g×w3 (suslov)",
-    )
-    w1: Vector3 | None = Field(
-        default=None, description="axis of a universal base joint fixed in the base, base coordinates"
-    )
-    w2: Vector3 | None = Field(
-        default=None, description="its axis fixed in the leg, along g, w3, g×w3; default w3"
-    )
-    w4: Vector3 | None = Field(
-        default=None,
-        description="axis of the universal joint fixed in the platform; without it that joint is spherical",
-    )
-    length: Length | None = Field(
-        default=None,
-        description="fixed (as at the start) or a length, of a bar; 0: the base joint holds the platform itself; "
-        "absent: a prismatic joint",
-    )
-    actuated: StrictBool | None = Field(
-        default=None, description="whether a motor drives the length; default: if it is prismatic"
-    )
-
-
 def system_class(model: str) -> type[System]:
     """The class of a model: the registry's, else a plugin's.
 
@@ -101,13 +40,13 @@ def system_class(model: str) -> type[System]:
     if model in SYSTEMS:
         module, _, name = SYSTEMS[model].partition(":")
         return cast("type[System]", getattr(importlib.import_module(module), name))
-    found = plugins.installed()
-    if model not in found:
-        near = suggestion(model, [*SYSTEMS, *found])
+    others = plugins.installed()
+    if model not in others:
+        near = suggestion(model, [*SYSTEMS, *others])
         own = f"a system of your own is found by an entry point of the group {plugins.GROUP}"
         hint = near if near.startswith("did you mean") else f"{near}; {own}"
         raise InvalidProblemError(f"unknown model {model!r}; {hint}", path="system.model")
-    return plugins.load(found[model])
+    return plugins.load(others[model])
 
 
 def every_class() -> tuple[dict[str, type[System]], list[str]]:
@@ -126,15 +65,32 @@ def every_class() -> tuple[dict[str, type[System]], list[str]]:
     return classes, broken
 
 
-def _field(parameter: Parameter) -> Any:
+def _fields(owner: str, declared: Mapping[str, Parameter]) -> dict[str, Any]:
+    """The pydantic fields of the parameters that a model declares."""
+    fields: dict[str, Any] = {}
+    for name, parameter in declared.items():
+        known = parameter.default not in (None, ...)
+        shown = (
+            f"{parameter.described}; default {_plain(parameter.default)}" if known else parameter.described
+        )
+        default = ... if parameter.default is ... else None
+        fields[name] = (_type(f"{owner}_{name}", parameter), Field(default=default, description=shown))
+    return fields
+
+
+def _type(name: str, parameter: Parameter) -> Any:
+    if parameter.keys is not None:
+        return list[create_model(name, __base__=Strict, **_fields(name, parameter.keys))]  # type: ignore[misc]
+    if parameter.kind == "choice":
+        return Literal[parameter.choices]
     kinds: dict[str, Any] = {
         "number": Number,
         "positive": Positive,
         "integer": Whole,
         "numbers": list[Number],
-        "legs": list[LegData],
-        "jointed legs": list[JointedLegData],
-        "choice": Literal[parameter.choices or ("",)],
+        "vector": Vector3,
+        "length": Length,
+        "flag": StrictBool,
     }
     return kinds[parameter.kind]
 
@@ -150,9 +106,7 @@ def system_model(model: str) -> type[Strict]:
             Literal[tuple(presets)],
             Field(default=None, description="named set of parameters; parameters beside it override it"),
         )
-    for name, parameter in declared.items():
-        shown = "" if parameter.default is None else f"; default {_plain(parameter.default)}"
-        fields[name] = (_field(parameter), Field(default=None, description=parameter.described + shown))
+    fields |= _fields(f"System_{model}", declared)
     return create_model(f"System_{model}", __base__=Strict, __doc__=f"The system {model}.", **fields)
 
 
@@ -163,23 +117,22 @@ def _plain(value: Any) -> str:
 def read_system(data: Any) -> tuple[System, dict[str, Any]]:
     """The system that a `system` block describes, and the block with its numbers read.
 
-    Errors: `Refusal`, paths relative to the block.
+    Errors: `InvalidProblemError` with its path in the file.
     """
     if not isinstance(data, dict):
-        raise Refusal([Issue((), f"expected a mapping such as {{model: three_upu}}, got {describe(data)}")])
+        words = f"expected a mapping such as {{model: three_upu}}, got {describe(data)}"
+        raise InvalidProblemError(words, path="system")
     model = data.get("model")
     if model is None:
-        raise Refusal([Issue(("model",), f"required key is missing; available: {', '.join(SYSTEMS)}")])
+        words = f"required key is missing; available: {', '.join(SYSTEMS)}"
+        raise InvalidProblemError(words, path="system.model")
     if not isinstance(model, str):
-        raise Refusal([Issue(("model",), f"expected a name, got {describe(model)}")])
-    try:
-        block_model = system_model(model)
-    except InvalidProblemError as error:
-        raise Refusal([Issue(("model",), error.message)]) from None
+        raise InvalidProblemError(f"expected a name, got {describe(model)}", path="system.model")
+    block_model = system_model(model)
     try:
         block = block_model.model_validate(data).model_dump(exclude_unset=True)
     except ValidationError as error:
-        raise Refusal(translate(error, block_model)) from None
+        refuse([issue.under("system") for issue in translate(error, block_model)])
     return _build(model, block), block
 
 
@@ -191,16 +144,16 @@ def _build(model: str, block: Mapping[str, Any]) -> System:
         replaced = cls.declared[name].replaces
         if beside := [other for other in given if other in replaced]:
             words = f"stands beside {name}, which replace it; remove one of the two"
-            raise Refusal([Issue((beside[0],), words, at_key=True)])
+            raise InvalidProblemError(words, path=f"system.{beside[0]}", at_key=True)
         parameters = {other: value for other, value in parameters.items() if other not in replaced}
     try:
         if model not in SYSTEMS:
             return plugins.made(cls, f"the plugin {cls.__module__}:{cls.__qualname__}", **parameters)
         return cls(**parameters)
     except InvalidProblemError as error:
-        path = (error.path or "").removeprefix("system").removeprefix(".")
-        place = path if path else "legs" if "legs" in given else ""
-        raise Refusal([Issue((place,) if place else (), error.message)]) from None
+        if error.path in (None, "system"):
+            error.path = "system.legs" if "legs" in given else "system"
+        raise
 
 
 def describe_space(blocks: Sequence[Block]) -> list[dict[str, Any]]:
@@ -216,10 +169,10 @@ def systems() -> dict[str, dict[str, Any]]:
 
     Plugins that are broken are left out; `every_class` says what is wrong with them.
     """
-    found = {}
+    described = {}
     for model, cls in every_class()[0].items():
         instance = cls()
-        found[model] = {
+        described[model] = {
             "parameters": {
                 name: {
                     "kind": parameter.kind,
@@ -234,4 +187,4 @@ def systems() -> dict[str, dict[str, Any]]:
             "inputs": describe_space(instance.input_space.blocks),
             "pose_outputs": describe_space(instance.pose_outputs),
         }
-    return found
+    return described

@@ -2,66 +2,30 @@
 
 from __future__ import annotations
 
-from bisect import bisect
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
-from pydantic import (
-    BeforeValidator,
-    ConfigDict,
-    Discriminator,
-    Field,
-    StrictBool,
-    Tag,
-    ValidationInfo,
-    field_validator,
-    model_validator,
-)
+from pydantic import BeforeValidator, ConfigDict, Discriminator, Field, StrictBool, Tag, create_model
 
-from nhpocp.problem_file.constraints import Constraints, check_constraints
-from nhpocp.problem_file.control import ControlData, FourierControl
-from nhpocp.problem_file.issues import Issue, Refusal
+from nhpocp.errors import describe
+from nhpocp.objectives.registry import OBJECTIVES, costs_of_motion
+from nhpocp.problem_file.constraints import Constraints
+from nhpocp.problem_file.control import BLOCKS, DEFAULT, ControlData
 from nhpocp.problem_file.numbers import (
     Checked,
+    Choice,
     Number,
     Positive,
     Samples,
     Share,
     Size,
     Whole,
-    describe,
     parse_number,
 )
 from nhpocp.problem_file.settings import Solvers, absent
-from nhpocp.problem_file.states import State, StateValue, Strict, check_goal, check_state
-from nhpocp.state_space import StateSpace
-from nhpocp.systems.system import System
+from nhpocp.problem_file.states import State, StateValue, Strict
+from nhpocp.solvers.registry import SOLVERS
 
 VERSION = 1
-SAME_TIME = 1e-6  # share of the horizon, as in `problem`
-
-
-@dataclass(frozen=True)
-class Context:
-    """What the rest of the file is checked against."""
-
-    system: System
-    outputs: tuple[str, ...] | None  # None: not known before the problem is built
-
-    @property
-    def state_space(self) -> StateSpace:
-        return self.system.state_space
-
-    @property
-    def input_space(self) -> StateSpace:
-        return self.system.input_space
-
-    @property
-    def no_legs(self) -> str | None:
-        """Words for what needs legs, where the system is known to have none."""
-        legless = self.outputs is not None and "leg_lengths" not in self.outputs
-        return f"the system {self.system.model} has no legs, so no leg speeds" if legless else None
 
 
 def _version(value: Any) -> int:
@@ -100,16 +64,6 @@ class FreeHorizon(Strict):
     max: Positive | None = Field(default=None, description="longest [time]")
     initial: Positive | None = Field(default=None, description="guess, and what the Jacobian method holds")
 
-    @model_validator(mode="after")
-    def _in_order(self) -> FreeHorizon:
-        if self.min is None and self.max is None and self.initial is None:
-            raise ValueError("empty; expected {min: …, max: …, initial: …} or a number")
-        if self.min is not None and self.max is not None and not self.min < self.max:
-            raise ValueError(f"min {self.min:g} is not below max {self.max:g}")
-        if self.initial is not None and not (self.min or 0) <= self.initial <= (self.max or self.initial):
-            raise Refusal([Issue(("initial",), f"{self.initial:g} lies outside min and max")])
-        return self
-
 
 def _horizon_kind(value: Any) -> str:
     return "<range>" if isinstance(value, dict | FreeHorizon) else "<number>"
@@ -141,35 +95,37 @@ class Output(Strict):
     pictures: StrictBool = Field(default=True, description="draw the pictures")
 
 
+_COSTS: dict[str, Any] = {
+    name: (Number | None, Field(default=None, description=OBJECTIVES[name].meaning))
+    for name in costs_of_motion()
+}
+
+
 class ReferenceValues(Strict):
     """What one solver is known to find."""
 
-    effort: Number | None = Field(default=None, description="∫|control|² dt")
-    leg_effort: Number | None = Field(default=None, description="∫|u|² dt")
-    path_length: Number | None = Field(default=None, description="length of the path")
     horizon: Number | None = Field(default=None, description="duration, where it is free")
     iterations: Whole | None = Field(default=None, description="updates")
     evaluations: Whole | None = Field(default=None, description="evaluated controls")
     tolerance: Positive | None = Field(default=None, description="relative, for this solver alone")
 
 
+_VALUES = create_model("ReferenceValues", __base__=ReferenceValues, __doc__=ReferenceValues.__doc__, **_COSTS)
+_OF_SOLVERS: dict[str, Any] = {
+    name: (_VALUES | None, Field(default=None, description=f"of {settings.meaning}"))
+    for name, settings in SOLVERS.items()
+}
+
+
 class Reference(Strict):
     """Known results, read by tests and benchmarks."""
 
-    jacobian: ReferenceValues | None = Field(default=None, description="of the Jacobian method")
-    nlp: ReferenceValues | None = Field(default=None, description="of the NLP")
     tolerance: Positive | None = Field(default=None, description="relative")
     source: Text | None = Field(default=None, description="where the numbers come from")
 
 
-def _at_once(times: Sequence[float]) -> Iterator[Issue]:
-    """Via poses at the time of an earlier one."""
-    earlier: list[float] = []  # in order of time
-    for i, time in enumerate(times):
-        place = bisect(earlier, time)
-        if any(abs(time - other) < SAME_TIME for other in earlier[max(place - 1, 0) : place + 1]):
-            yield Issue((i, "at"), f"another via pose is at {time:g} already")
-        earlier.insert(place, time)
+if not TYPE_CHECKING:
+    Reference = create_model("Reference", __base__=Reference, __doc__=Reference.__doc__, **_OF_SOLVERS)
 
 
 def _none_is_empty_list(value: Any) -> Any:
@@ -190,11 +146,12 @@ class ProblemData(Strict):
         default=1.0, description="the duration T, or {min, max, initial} where the NLP may choose"
     )
     control: ControlData = Field(
-        default_factory=lambda: FourierControl(),
+        default_factory=lambda: BLOCKS[DEFAULT](basis=DEFAULT),
         description="basis of the control, and the control to begin with",
     )
-    objective: Literal["effort", "leg_effort", "path_length", "time"] = Field(
-        default="effort", description="effort ∫|control|², leg_effort ∫|u|², path_length, time"
+    objective: Annotated[str, Choice(*OBJECTIVES)] = Field(
+        default="effort",
+        description=", ".join(f"{name} {cost.formula}".rstrip() for name, cost in OBJECTIVES.items()),
     )
     error_length: Size = Field(default=1.0, description="length that counts as much as one radian in E")
     length_scale: Size | None = Field(
@@ -217,53 +174,3 @@ class ProblemData(Strict):
     reference: Annotated[Reference, BeforeValidator(absent)] = Field(
         default_factory=lambda: Reference(), description="known results, read by tests and benchmarks"
     )
-
-    @field_validator("start")
-    @classmethod
-    def _start_fits(cls, value: State, info: ValidationInfo) -> State:
-        if info.context and (issues := check_state(info.context.state_space, value)):
-            raise Refusal(issues)
-        return value
-
-    @field_validator("goal")
-    @classmethod
-    def _goal_fits(cls, value: State, info: ValidationInfo) -> State:
-        if info.context and (issues := check_goal(info.context.system, value)):
-            raise Refusal(issues)
-        return value
-
-    @field_validator("objective")
-    @classmethod
-    def _objective_fits(cls, value: str, info: ValidationInfo) -> str:
-        if value == "leg_effort" and info.context and (words := info.context.no_legs):
-            raise ValueError(f"{words}; expected one of effort, path_length, time")
-        return value
-
-    @field_validator("solvers")
-    @classmethod
-    def _solvers_fit(cls, value: Solvers, info: ValidationInfo) -> Solvers:
-        words = info.context.no_legs if info.context else None
-        if words and value.jacobian.objective == "leg_effort":
-            raise Refusal(
-                [Issue(("jacobian", "objective"), f"{words}; expected one of none, effort, path_length")]
-            )
-        return value
-
-    @field_validator("via")
-    @classmethod
-    def _via_fits(cls, value: list[ViaData], info: ValidationInfo) -> list[ViaData]:
-        issues = [
-            issue.under((i,))
-            for i, via in enumerate(value)
-            if info.context
-            for issue in check_goal(info.context.system, via.values)
-        ]
-        issues += _at_once([via.at for via in value])
-        if issues:
-            raise Refusal(issues)
-        return value
-
-    @field_validator("constraints")
-    @classmethod
-    def _constraints_fit(cls, value: Constraints, info: ValidationInfo) -> Constraints:
-        return check_constraints(value, info.context.system, info.context.outputs) if info.context else value

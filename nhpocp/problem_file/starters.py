@@ -9,15 +9,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from math import degrees
-from typing import Any, get_args
+from typing import Any
 
 from pydantic.fields import FieldInfo
 
-from nhpocp.problem_file.control import BASES
+from nhpocp.constraints.registry import KINDS
+from nhpocp.problem_file.control import BLOCKS
+from nhpocp.problem_file.numbers import Choice
 from nhpocp.problem_file.registry import system_class
 from nhpocp.problem_file.schema import Output, ProblemData
-from nhpocp.problem_file.settings import JacobianSettings, NlpSettings, Solvers
+from nhpocp.problem_file.settings import BLOCKS as BLOCKS_OF_SOLVERS
+from nhpocp.problem_file.settings import Solvers
 from nhpocp.problem_file.states import Strict
+from nhpocp.solvers.registry import SOLVERS
 from nhpocp.state_space import UNIT_WORDS, Block, StateSpace
 from nhpocp.systems.system import Parameter, System
 
@@ -106,9 +110,12 @@ def _options(model: type[Strict], names: Sequence[str], indent: str = "") -> Ite
 
 
 def _choices(field: FieldInfo) -> str:
-    return _other_names(
-        [name for name in get_args(field.annotation) if isinstance(name, str)], field.description or ""
-    )
+    return _other_names(_names(field), field.description or "")
+
+
+def _names(field: FieldInfo) -> list[str]:
+    """The names that a field may have."""
+    return [name for part in field.metadata if isinstance(part, Choice) for name in part.names]
 
 
 def _other_names(names: Sequence[str], meaning: str) -> str:
@@ -157,11 +164,11 @@ def _units(blocks: Sequence[Block]) -> str:
 
 
 def _control(system: System, given: Mapping[str, Any]) -> Iterator[str]:
-    harmonics = given.get("harmonics", BASES["fourier"].model_fields["harmonics"].default)
+    harmonics = given.get("harmonics", BLOCKS["fourier"].model_fields["harmonics"].default)
     yield "control:"
     yield _line("  basis: fourier", "columns of `initial`: const, sin1, cos1, sin2, cos2, …")
     yield f"  harmonics: {harmonics}"
-    for basis, model in list(BASES.items())[1:]:
+    for basis, model in list(BLOCKS.items())[1:]:
         names = [name for name in model.model_fields if name not in ("basis", "initial")]
         own = ", ".join(f"{name}: {model.model_fields[name].default}" for name in names)
         yield f"  # or basis {basis} with {own}"
@@ -175,31 +182,17 @@ def _control(system: System, given: Mapping[str, Any]) -> Iterator[str]:
 
 def _constraints(system: System, start: Mapping[str, Any]) -> Iterator[str]:
     yield _line("constraints:", "what the whole path must respect; examples, no defaults")
-    yield _option("control", 10, "greatest |control|, or one [lo, hi] per input", "  ")
-    if "leg_lengths" in (system.known_outputs or ()):
-        yield _option("leg_length", [5, 100], "[shortest, longest] leg [length]", "  ")
-        yield _option("leg_speed", 200, "greatest |u_i| [length/time]", "  ")
-        yield _option("clearance", 0.01, "least σ_min of S and W: the distance from singularities", "  ")
-    for block in system.state_space.blocks:
-        if block.kind != "rotation":
-            value = start[block.name]
-            least = min(value) if isinstance(value, list) else value
-            if isinstance(least, int | float):
-                bound = {block.name: [least - 50, least + 100]}
-                yield _option("state", bound, "[lo, hi] of a part of the state, or of an output", "  ")
-            return
+    for key, kind in KINDS.items():
+        if (value := kind.shown(system, start)) is not None:
+            yield _option(key, value, kind.meaning, "  ")
 
 
 def _solvers() -> Iterator[str]:
-    yield _line("  jacobian:", "nhpocp solve")
-    rule = JacobianSettings.model_fields["step_rule"]
-    choices = " | ".join(get_args(rule.annotation))
-    yield _line(
-        "    step_rule: auto", f"{choices}; default {rule.default}, the paper's (17); auto reaches more"
-    )
-    yield from _options(
-        JacobianSettings, [name for name in JacobianSettings.model_fields if name != "step_rule"], "    "
-    )
-    yield _line("  nlp:", "nhpocp solve --solver nlp")
-    yield from _options(NlpSettings, list(NlpSettings.model_fields), "    ")
+    for i, (name, block) in enumerate(BLOCKS_OF_SOLVERS.items()):
+        yield _line(f"  {name}:", f"nhpocp solve --solver {name}" if i else "nhpocp solve")
+        shown = SOLVERS[name].shown
+        for key, (value, words) in shown.items():
+            names = " | ".join(_names(block.model_fields[key]))
+            yield _line(f"    {key}: {value}", f"{names}; {words}")
+        yield from _options(block, [key for key in block.model_fields if key not in shown], "    ")
     yield from _options(Solvers, ["compile"], "  ")

@@ -6,15 +6,13 @@ import re
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from nhpocp.errors import InvalidProblemError
-from nhpocp.problem_file.building import parse_problem
+from nhpocp.errors import InvalidProblemError, suggestion
 from nhpocp.problem_file.dumping import dump_problem
-from nhpocp.problem_file.issues import suggestion
+from nhpocp.problem_file.reading import parse_problem
+from nhpocp.solvers.registry import SOLVERS
 
 if TYPE_CHECKING:
     from nhpocp.problem import PlanningProblem
-
-SOLVERS = ("jacobian", "nlp")
 
 
 def overrides(label: str) -> tuple[str, list[str]]:

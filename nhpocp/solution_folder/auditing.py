@@ -17,6 +17,7 @@ import numpy as np
 
 from nhpocp.csv_table import as_text
 from nhpocp.errors import InvalidProblemError
+from nhpocp.objectives.registry import costs_of_motion, exact_costs
 from nhpocp.problem_file.dumping import writable
 from nhpocp.solution import Outcome, Solution, Verdict
 from nhpocp.solution_folder.plain_data import checksum, plain, to_json
@@ -25,8 +26,7 @@ from nhpocp.solution_folder.tables import trajectory_table
 from nhpocp.verification import verify
 from nhpocp.verification.costs import replayed_costs
 
-COSTS = ("effort", "leg_effort", "path_length")
-RECOMPUTED = ("name", "system", "converged", *COSTS, "crossings", "length_scale", "constraints")
+RECOMPUTED = ("name", "system", "converged", "effort", "crossings", "length_scale", "constraints")
 WORDS = ("method", "reasons", "warnings")  # of a verdict: they may change with the version that speaks them
 CLOSE = 1e-4  # relative, between two integrations of one number
 NOTHING = 1e-8  # below it a number is an integration's error, which no two machines share
@@ -104,7 +104,10 @@ class _Comparison:
         for name in RECOMPUTED:
             if name not in self.stated:
                 yield f"{name} is missing in solution.json"
-            elif name not in ("leg_effort", "path_length") or self.whole:
+            else:
+                yield from _apart(name, self.stated[name], expected[name])
+        for name in costs_of_motion()[1:]:
+            if name in self.stated and (self.whole or name not in self._along_the_path):
                 yield from _apart(name, self.stated[name], expected[name])
         if verified:
             yield from self._verdict(expected["verified"])
@@ -115,11 +118,17 @@ class _Comparison:
         if self.stated.get("checksum") not in (None, checksum(self.stated)):
             yield "solution.json was changed after it had been written: its checksum does not fit"
 
+    @property
+    def _along_the_path(self) -> list[str]:
+        """The costs that a replay has to tell."""
+        exact = exact_costs(self.stored.control)
+        return [name for name in costs_of_motion() if name not in exact]
+
     def unchecked(self) -> Iterator[str]:
         if "checksum" not in self.stated:
             yield "solution.json has no checksum: what cannot be worked out again, as messages and timing, is as stated"
         if not self.whole:
-            yield "leg_effort and path_length: the replay does not reach the end"
+            yield f"{' and '.join(self._along_the_path)}: the replay does not reach the end"
         if self.stored.details.get("costates") is not None:
             yield "details.costates: only their shape; they follow from multipliers, which are not stored"
         for key, value in self._unnamed().items():

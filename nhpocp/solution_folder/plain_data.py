@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from nhpocp.objectives.registry import costs_of_motion, exact_costs
 from nhpocp.provenance import environment
 from nhpocp.solution import Solution
 
@@ -33,9 +34,8 @@ def to_json(solution: Solution) -> dict[str, Any]:
         "final_error": solution.final_error,
         "verified": verdict.to_json() if verdict else None,
         "objective": solution.objective,
-        "effort": solution.control.effort,
-        "leg_effort": None,
-        "path_length": None,
+        **dict.fromkeys(costs_of_motion()),
+        **exact_costs(solution.control),
         **solution.costs,
         "iterations": list(solution.iterations),
         "evaluations": solution.evaluations,

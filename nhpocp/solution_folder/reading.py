@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from nhpocp.arrays import Array
-from nhpocp.constraints import BoundReport
+from nhpocp.constraints.bound import BoundReport
 from nhpocp.controls.control import Control
 from nhpocp.errors import InvalidProblemError, UnreadableSolutionError
 from nhpocp.problem import PlanningProblem
@@ -34,7 +34,6 @@ LARGEST_TREE = 350_000_000  # bytes, as a tree of Python's values; those samples
 # bytes that a value takes for each of its signs: a list or mapping, half a text, a number's or an entry's place
 SIZES = {b"[": 80, b"{": 80, b'"': 50, b",": 40, b":": 40}
 NEEDED = ("solution.json", "problem.yaml", "arrays.npz")
-COSTS = ("effort", "leg_effort", "path_length")
 SAME = 1e-9  # relative, between the two copies of the trajectory
 # what the zip and npy readers answer to damaged files; a header may also claim an array larger than the memory
 DAMAGE = (
@@ -246,7 +245,6 @@ def _solution(
 ) -> Solution:
     verdict = _verdict(stored, stored.verified, problem) if stored.verified else None
     later = set(verdict.warnings) if verdict else set()
-    costs = {name: getattr(stored, name) for name in COSTS}
     return Solution(
         problem=problem,
         solver=stored.solver,
@@ -257,7 +255,7 @@ def _solution(
         final_error=_number(stored.final_error),
         control=control,
         trajectory=arrays,
-        costs={name: value for name, value in costs.items() if value is not None},
+        costs=stored.costs,
         iterations=[record.model_dump(exclude_unset=True) for record in stored.iterations],
         evaluations=stored.evaluations,
         objective=stored.objective,

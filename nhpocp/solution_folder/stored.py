@@ -10,13 +10,14 @@ from pydantic import (
     Field,
     JsonValue,
     ValidationError,
+    create_model,
     field_validator,
     model_validator,
 )
 
-from nhpocp.errors import UnreadableSolutionError
-from nhpocp.problem_file.issues import Issue, Refusal, dotted
-from nhpocp.problem_file.numbers import describe
+from nhpocp.errors import InvalidProblemError, UnreadableSolutionError, describe
+from nhpocp.objectives.registry import costs_of_motion
+from nhpocp.problem_file.document import dotted
 from nhpocp.solution import Outcome
 from nhpocp.solution_folder.plain_data import SCHEMA_VERSION
 
@@ -106,8 +107,6 @@ class StoredSolution(Stored):
     verified: StoredVerdict | None
     objective: str
     effort: float | None
-    leg_effort: float | None
-    path_length: float | None
     iterations: list[StoredRecord]
     evaluations: Annotated[int, Field(ge=0)]
     control: StoredControl
@@ -116,6 +115,12 @@ class StoredSolution(Stored):
     constraints: dict[str, StoredBound]
     details: dict[str, JsonValue]
     timing: dict[str, float]
+
+    @property
+    def costs(self) -> dict[str, float]:
+        """What the motion costs, as far as it is known."""
+        costs = {name: getattr(self, name) for name in costs_of_motion()}
+        return {name: cost for name, cost in costs.items() if cost is not None}
 
     @field_validator("schema_version")
     @classmethod
@@ -129,7 +134,7 @@ class StoredSolution(Stored):
     def _gamma_is_a_number(cls, settings: dict[str, Any]) -> dict[str, Any]:
         gamma = settings.get("gamma")
         if gamma is not None and not isinstance(gamma, float | int):
-            raise Refusal([Issue(("gamma",), f"expected a number, got {describe(gamma)}")])
+            raise InvalidProblemError(f"expected a number, got {describe(gamma)}", path="gamma")
         return settings
 
     @model_validator(mode="after")
@@ -138,10 +143,13 @@ class StoredSolution(Stored):
         asked = self.settings.get("tolerance")
         if asked != self.tolerance:
             came = f"{self.tolerance:g}, but settings.tolerance is {describe(asked)}"
-            raise Refusal([Issue(("tolerance",), came)])
+            raise InvalidProblemError(came, path="tolerance")
         return self
 
 
+# with every cost that there is; a folder need not know those that came after it
+_COSTS: dict[str, Any] = {name: (float | None, None) for name in costs_of_motion() if name != "effort"}
+_WITH_COSTS = create_model("StoredSolution", __base__=StoredSolution, **_COSTS)
 _EXPECTED = {
     "bool_type": "true or false",
     "dict_type": "a mapping",
@@ -163,13 +171,13 @@ def parse_stored(text: bytes, file: str) -> StoredSolution:
     Errors: `UnreadableSolutionError` with the key that is wrong.
     """
     try:
-        return StoredSolution.model_validate_json(text)
+        return _WITH_COSTS.model_validate_json(text)
     except ValidationError as error:
         detail: Any = error.errors(include_url=False)[0]
     kind, path, context = detail["type"], detail["loc"], detail.get("ctx") or {}
     cause = context.get("error")
-    if isinstance(cause, Refusal):
-        path, message = (*path, *cause.issues[0].path), cause.issues[0].message
+    if isinstance(cause, InvalidProblemError):
+        path, message = (*path, cause.path), cause.message
     elif kind == "json_invalid":
         message = f"damaged: this is not JSON: {cause}"
     elif kind == "missing":

@@ -20,8 +20,10 @@ from nhpocp.systems.joints import (
     Row,
     Vector3,
 )
+from nhpocp.systems.system import Parameter
 
 DIRECTIONS = ("r", "w1", "w2", "w4")
+FIELDS = {"base_joint": "joint"}  # of keys that are called otherwise
 MIDDLE: Vector3 = (0.0, 1.0, 0.0)  # w2 = w3: the universal joints of an ordinary leg are parallel
 
 
@@ -168,13 +170,14 @@ class Leg:
         return f"{', '.join(joints)}: {' + '.join(rows) or 'no row'}"
 
     @classmethod
-    def of(cls, leg: Leg | Mapping[str, Any], keys: Mapping[str, str], needed: set[str]) -> Leg:
-        """A leg from plain data, ``keys`` its keys with the fields that they stand for. Errors: naming the keys."""
+    def of(cls, leg: Leg | Mapping[str, Any], declared: Mapping[str, Parameter]) -> Leg:
+        """A leg from plain data with the ``declared`` keys. Errors: `InvalidProblemError` naming the keys."""
         if isinstance(leg, Leg):
             return leg
-        if not needed <= set(leg) <= set(keys):
-            raise _bad(f"a leg with {', '.join(leg)}; expected {', '.join(keys)}")
-        return cls(**{keys[key]: value for key, value in leg.items()})
+        needed = {key for key, parameter in declared.items() if parameter.default is ...}
+        if not needed <= set(leg) <= set(declared):
+            raise _bad(f"a leg with {', '.join(leg)}; expected {', '.join(declared)}")
+        return cls(**{FIELDS.get(key, key): value for key, value in leg.items()})
 
 
 def _vector(name: str, given: Any, is_direction: bool) -> Vector3:

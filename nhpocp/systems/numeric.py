@@ -11,9 +11,7 @@ import numpy as np
 
 from nhpocp.arrays import Array
 from nhpocp.calls import call, mapped
-from nhpocp.errors import InvalidProblemError
 from nhpocp.kept import kept
-from nhpocp.state_space import Block, scalar, shaped
 from nhpocp.systems.margins import det, sigma
 from nhpocp.systems.system import System
 
@@ -64,30 +62,6 @@ class NumericSystem:
     @cached_property
     def _regularity(self) -> tuple[ca.Function, dict[str, tuple[int, int]]]:
         return self._function("regularity", self._matrices(tuple(self.system.regularity(self._state))))
-
-    @property
-    def matrices(self) -> tuple[str, ...]:
-        """The names of the regularity matrices."""
-        return tuple(self._regularity[1])
-
-    @cached_property
-    def quantities(self) -> list[tuple[str, Block]]:
-        """Of each part of a trajectory what it is, state, input, output or margin, and its block."""
-        declared = {block.name: block for block in self.system.output_blocks or ()}
-        outputs = []
-        for name, sizes in self._outputs[1].items():
-            shape = tuple(size for size in sizes if size > 1)
-            block = declared.get(name) or shaped(name, shape)
-            if shape != tuple(size for size in block.shape if size > 1):
-                raise InvalidProblemError(f"output {name!r} is of shape {shape}; declared is {block.shape}")
-            outputs.append(block)
-        margins = [kind(name) for kind in (sigma, det) for name in self.matrices]
-        return [
-            *(("state", block) for block in self.system.state_space.blocks),
-            *(("input", block) for block in self.system.input_space.blocks),
-            *(("output", block) for block in outputs),
-            *(("margin", scalar(margin.name, symbol=margin.symbol)) for margin in margins),
-        ]
 
     @cached_property
     def breaking_function(self) -> ca.Function:

@@ -10,21 +10,34 @@ from typing import Any, ClassVar
 from nhpocp.arrays import Array, cross, namespace, symbolic
 from nhpocp.errors import InvalidProblemError
 from nhpocp.state_space import Block, StateSpace, direction, rotation, vector
-from nhpocp.systems.joints import LegPose, Row
-from nhpocp.systems.legs import Leg
+from nhpocp.systems.joints import BASE_JOINTS, LegPose, Row
+from nhpocp.systems.legs import FIELDS, Leg
 from nhpocp.systems.solids import ball, rod, roller
 from nhpocp.systems.system import Parameter, System
 
-KEYS = {
-    "base": "base",
-    "platform": "platform",
-    "base_joint": "joint",
-    "r": "r",
-    "w1": "w1",
-    "w2": "w2",
-    "w4": "w4",
-    "length": "length",
-    "actuated": "actuated",
+LEG = {  # of a file, the fields of `Leg`
+    "base": Parameter("vector", ..., "centre of the base joint, base coordinates"),
+    "platform": Parameter("vector", ..., "centre of the platform joint, platform coordinates"),
+    "base_joint": Parameter(
+        "choice", "veselova", "about which directions the leg can turn in the base", tuple(BASE_JOINTS)
+    ),
+    "r": Parameter(
+        "vector", None, "about which it cannot: base coordinates (veselova), or along g, w3, g×w3 (suslov)"
+    ),
+    "w1": Parameter("vector", None, "axis of a universal base joint fixed in the base, base coordinates"),
+    "w2": Parameter("vector", None, "its axis fixed in the leg, along g, w3, g×w3; default w3"),
+    "w4": Parameter(
+        "vector",
+        None,
+        "axis of the universal joint fixed in the platform; without it that joint is spherical",
+    ),
+    "length": Parameter(
+        "length",
+        None,
+        "fixed (as at the start) or a length, of a bar; 0: the base joint holds the platform itself; absent: a "
+        "prismatic joint",
+    ),
+    "actuated": Parameter("flag", None, "whether a motor drives the length; default: if it is prismatic"),
 }
 JOINTS = ("spheres", "universal joints")  # the points of a drawing
 
@@ -88,6 +101,7 @@ class ParallelRobot(System):
             "jointed legs",
             None,
             "the legs, {base, platform, base_joint, r, w1, w2, w4, length, actuated} each; default: preset mixed",
+            keys=LEG,
         ),
     }
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {
@@ -146,7 +160,7 @@ class ParallelRobot(System):
         )
 
     def parameters(self) -> dict[str, Any]:
-        return {"legs": [leg_data(leg, KEYS) for leg in self.legs]}
+        return {"legs": [leg_data(leg, LEG) for leg in self.legs]}
 
     # --- equations ---
 
@@ -292,9 +306,9 @@ class ParallelRobot(System):
         return found
 
 
-def leg_data(leg: Leg, keys: Mapping[str, str]) -> dict[str, Any]:
+def leg_data(leg: Leg, declared: Mapping[str, Parameter]) -> dict[str, Any]:
     """A leg as plain data under its file's keys; what has no value is left out."""
-    values = {key: getattr(leg, field) for key, field in keys.items()}
+    values = {key: getattr(leg, FIELDS.get(key, key)) for key in declared}
     return {
         key: list(value) if isinstance(value, tuple) else value
         for key, value in values.items()
@@ -304,7 +318,7 @@ def leg_data(leg: Leg, keys: Mapping[str, str]) -> dict[str, Any]:
 
 def _numbered(number: int, leg: Leg | Mapping[str, Any]) -> Leg:
     try:
-        return Leg.of(leg, KEYS, {"base", "platform"})
+        return Leg.of(leg, LEG)
     except InvalidProblemError as error:
         raise InvalidProblemError(f"leg {number}: {error.message}", path="system.legs") from None
 

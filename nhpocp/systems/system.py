@@ -20,12 +20,24 @@ from nhpocp.systems.margins import margin
 class Parameter:
     """A parameter as a user writes it: what kind of value, its default, what it means."""
 
-    kind: Literal["number", "positive", "integer", "numbers", "choice", "legs", "jointed legs"]
-    default: Any
+    kind: Literal[
+        "number",
+        "positive",
+        "integer",
+        "numbers",
+        "vector",
+        "length",
+        "flag",
+        "choice",
+        "legs",
+        "jointed legs",
+    ]
+    default: Any  # ... where a value has to be given
     meaning: str
     choices: tuple[str, ...] = ()
     unit: Unit = ""
     replaces: tuple[str, ...] = ()  # parameters that it stands for: never given beside it
+    keys: Mapping[str, Parameter] | None = None  # of each of several mappings, such as legs
 
     @property
     def described(self) -> str:

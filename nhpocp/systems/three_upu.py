@@ -14,7 +14,13 @@ from nhpocp.systems.legs import Leg
 from nhpocp.systems.parallel_robot import ParallelRobot, leg_data
 from nhpocp.systems.system import Parameter
 
-KEYS = {name: name for name in ("base", "platform", "r", "w4", "joint")}
+LEG = {  # of a file, the fields of `Leg` that these legs may have
+    "base": Parameter("vector", ..., "centre of the sphere, base coordinates"),
+    "platform": Parameter("vector", ..., "centre of the universal joint, platform coordinates"),
+    "r": Parameter("vector", ..., "roller normal, base coordinates (suslov: along g, w3, g×w3)"),
+    "w4": Parameter("vector", ..., "axis of the universal joint fixed in the platform"),
+    "joint": Parameter("choice", "veselova", "r fixed in the base or in the leg", ("veselova", "suslov")),
+}
 
 
 class ThreeUPU(ParallelRobot):
@@ -55,6 +61,7 @@ class ThreeUPU(ParallelRobot):
             None,
             "three explicit legs {base, platform, r, w4, joint} instead of all of the above",
             replaces=("base_radius", "platform_radius", "roller_tilt", "platform_axis", "joint"),
+            keys=LEG,
         ),
         "form": Parameter(
             "choice",
@@ -121,7 +128,7 @@ class ThreeUPU(ParallelRobot):
 
     def parameters(self) -> dict[str, Any]:
         if self._explicit:
-            return {"legs": [leg_data(leg, KEYS) for leg in self.legs], "form": self.form}
+            return {"legs": [leg_data(leg, LEG) for leg in self.legs], "form": self.form}
         return {**self._shape, "form": self.form}
 
     def actuated(self) -> tuple[ThreeUPU, Callable[[Array, Array], Array]] | None:
@@ -197,7 +204,7 @@ class ThreeUPU(ParallelRobot):
 
 
 def _leg(leg: Leg | Mapping[str, Any]) -> Leg:
-    built = Leg.of(leg, KEYS, {"base", "platform", "r", "w4"})
+    built = Leg.of(leg, LEG)
     if built.joint not in ("veselova", "suslov"):
         raise InvalidProblemError(
             f"joint {built.joint!r} is none of veselova, suslov; parallel_robot takes the others",

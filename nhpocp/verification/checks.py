@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 
 from nhpocp.arrays import Array
-from nhpocp.constraints import BoundReport, check_bounds
+from nhpocp.constraints.bound import BoundReport, check_bounds
 from nhpocp.solution import Crossing, Replay, Solution, Verdict
 from nhpocp.state_space import Block
 from nhpocp.systems.margins import sigma
@@ -292,7 +292,7 @@ class _Check:
         expected = self.numeric.trajectory(states, controls, self.problem.scale)
         # one that is zero up to rounding has no scale of its own, and one at a pole has no digits
         nudged = self.numeric.trajectory(states * (1 + NUDGE), controls, self.problem.scale)
-        blocks = {block.name: block for _, block in self.numeric.quantities}
+        blocks = {block.name: block for _, block in self.problem.quantities}
         for name, values in expected.items():
             if name in self.space.names or name not in self.solution.trajectory:
                 continue

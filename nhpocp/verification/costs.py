@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from nhpocp.controls.control import Control
-from nhpocp.objectives import INTEGRANDS, available
+from nhpocp.objectives.objective import ControlObjective, PathObjective
+from nhpocp.objectives.registry import available
 from nhpocp.problem import PlanningProblem
 from nhpocp.systems.numeric import NumericSystem
 from nhpocp.verification.replay import replay
@@ -15,13 +16,16 @@ AT_ONCE = 256  # steps
 
 
 def replayed_costs(problem: PlanningProblem, control: Control) -> dict[str, float] | None:
-    """The integrals of `INTEGRANDS` that the system has, effort included; None where the replay ends early."""
+    """The costs that the motion has, effort included; None where the replay ends early."""
     with np.errstate(all="ignore"):
         numeric = NumericSystem(problem.system)
         path = replay(numeric, control, problem.start_point)
         if path.stopped:
             return None
-        found = dict.fromkeys(available(problem.system), 0.0)
+        objectives = [
+            o for o in available(problem.system) if o.of_motion and not o.lacking_control(control.basis)
+        ]
+        costs = dict.fromkeys((objective.name for objective in objectives), 0.0)
         knots = path.times
         for first in range(0, len(knots) - 1, AT_ONCE):
             ends = knots[first : first + AT_ONCE + 1]
@@ -29,7 +33,10 @@ def replayed_costs(problem: PlanningProblem, control: Control) -> dict[str, floa
             times = (middles[:, None] + halves[:, None] * NODES).ravel()
             shares = (halves[:, None] * WEIGHTS).ravel()
             states, controls = path(times), control(times)
-            for name in found:
-                values = numeric.along(INTEGRANDS[name], states, controls, problem.scale)
-                found[name] += float(shares @ values)
-        return found
+            for objective in objectives:
+                if isinstance(objective, ControlObjective):
+                    values = objective.density(control, times)
+                elif isinstance(objective, PathObjective):
+                    values = numeric.along(objective.integrand, states, controls, problem.scale)
+                costs[objective.name] += float(shares @ values)
+        return costs

@@ -4,31 +4,35 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Callable, Sequence
-from functools import wraps
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.colors import LinearSegmentedColormap, TwoSlopeNorm
 from matplotlib.figure import Figure
-from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import MaxNLocator
 
 from nhpocp.analysis import Analysis
 from nhpocp.analysis.agility import Ellipsoid
 from nhpocp.analysis.slices import Coordinate, SingularityMap, coordinates
 from nhpocp.arrays import Array
+from nhpocp.systems.margins import det, margin
+from nhpocp.systems.system import System
 from nhpocp.views.figures import write_all
+from nhpocp.views.plots import margin_axis, time_axis
 from nhpocp.views.style import (
     ALARM,
     COLOURS,
     COMPACT,
     GREY,
     PANEL,
+    axes_grid,
+    axis_label,
     legend_above,
     line_style,
+    notation,
     say,
-    sheet,
+    styled,
     symbol,
 )
 
@@ -37,16 +41,9 @@ SIGNED = LinearSegmentedColormap.from_list("signed", ["#8C2D04", "#F4A582", "#FA
 LEVELS = 9  # of the lines of equal margin
 SURFACE: dict[str, Any] = {"colors": "k", "linewidths": 1.3}
 TOUCHING: dict[str, Any] = {"linestyle": "none", "marker": ".", "markersize": 2.4, "color": "k", "zorder": 3}
-CROSSING: dict[str, Any] = {
-    "linestyle": "none",
-    "marker": "X",
-    "markersize": 5.5,
-    "color": ALARM,
-    "markeredgecolor": "w",
-    "markeredgewidth": 0.6,
-    "zorder": 6,
-}
-ZERO: dict[str, Any] = {"linestyle": "none", "marker": "v", "markersize": 4, "color": ALARM, "clip_on": False}
+ALARMED: dict[str, Any] = {"linestyle": "none", "marker": "X", "markersize": 5.5, "color": ALARM}
+CROSSING: dict[str, Any] = {**ALARMED, "markeredgecolor": "w", "markeredgewidth": 0.6, "zorder": 6}
+ZERO: dict[str, Any] = {**ALARMED, "marker": "v", "markersize": 4, "clip_on": False}
 END: dict[str, Any] = {
     "linestyle": "none",
     "markersize": 5,
@@ -57,30 +54,16 @@ END: dict[str, Any] = {
 JUMP = 0.5  # of the largest margin: a change of sign larger than this in one step is no zero
 
 
-def _styled(make: Callable[[Analysis], Figure]) -> Callable[[Analysis], Figure]:
-    @wraps(make)
-    def styled(analysis: Analysis) -> Figure:
-        with sheet():
-            return make(analysis)
-
-    return styled
-
-
-def _panels(count: int, height: float = PANEL[1], width: float = PANEL[0]) -> tuple[Figure, list[Any]]:
-    figure = Figure(figsize=(count * width, height), layout=ConstrainedLayoutEngine(w_pad=0.06, h_pad=0.05))
-    return figure, [figure.add_subplot(1, count, i + 1) for i in range(count)]
-
-
 # --- the map ---------------------------------------------------------------------------------------------------------
 
 
-@_styled
+@styled
 def singularity_map(analysis: Analysis) -> Figure:
     """σ_min with the sign of det over the slice, a panel a matrix; start, goal and guess are projected onto it."""
     the_map = analysis.map
     if the_map is None:
         raise ValueError("this analysis has no map of singularities")
-    figure, axes = _panels(len(the_map.signed), PANEL[1] + 0.45)
+    figure, axes = axes_grid(count := len(the_map.signed), count, (PANEL[0], PANEL[1] + 0.45))
     entries: dict[str, Any] = {}
     for panel, (name, values) in zip(axes, the_map.signed.items(), strict=True):
         plot_signed(panel, the_map, name, values)
@@ -96,11 +79,7 @@ def singularity_map(analysis: Analysis) -> Figure:
 
 
 def _at(name: str) -> str:
-    return (
-        f"$t$ = {name.removeprefix('t = ')} of the initial guess"
-        if name.startswith("t = ")
-        else f"the {name}"
-    )
+    return f"${name[0]}${name[1:]} of the initial guess" if name.startswith("t = ") else f"the {name}"
 
 
 def plot_signed(axes: Any, the_map: SingularityMap, name: str, values: Array) -> None:
@@ -152,14 +131,14 @@ def plot_signed(axes: Any, the_map: SingularityMap, name: str, values: Array) ->
 
 def _jumps(values: Array, size: float) -> Array:
     """Where the sign changes by a jump: through a pole or a direction that is lost, not through zero."""
-    found = ~np.isfinite(values)
+    jumps = ~np.isfinite(values)
     with np.errstate(invalid="ignore"):
         for axis in (0, 1):
             step = np.abs(np.diff(values, axis=axis)) > size
             before, after = ([(0, 0), (0, 0)] for _ in range(2))
             before[axis], after[axis] = (0, 1), (1, 0)
-            found |= np.pad(step, before) | np.pad(step, after)
-    return found
+            jumps |= np.pad(step, before) | np.pad(step, after)
+    return jumps
 
 
 def plot_places(axes: Any, analysis: Analysis, the_map: SingularityMap, name: str) -> None:
@@ -190,8 +169,7 @@ def _shown(coordinate: Coordinate, values: Array) -> Array:
 
 def _label(coordinate: Coordinate) -> str:
     name = coordinate.name if coordinate.block.kind == "rotation" else symbol(coordinate.name)
-    unit = {"length": " [length]", "angle": " [°]", "": ""}[coordinate.unit]
-    return name + unit
+    return axis_label("", name, {"angle": "°"}.get(coordinate.unit, coordinate.unit))
 
 
 def _value(name: str, value: float, the_map: SingularityMap) -> str:
@@ -204,73 +182,67 @@ def _value(name: str, value: float, the_map: SingularityMap) -> str:
 # --- along the initial guess -----------------------------------------------------------------------------------------
 
 
-@_styled
+@styled
 def along_guess(analysis: Analysis) -> Figure:
     """How near the initial guess comes to losing a bracket direction, and to the singularities of each matrix."""
     path = analysis.path
     if path is None or len(path.times) < 2:
         raise ValueError("this analysis has no path to draw")
-    figure, (axes,) = _panels(1, PANEL[1] + 0.15, 1.35 * PANEL[0])
+    figure, (axes,) = axes_grid(1, 1, (1.35 * PANEL[0], PANEL[1] + 0.15))
     rank, degree, floor = path.generic.rank, len(path.generic.spectra), analysis.tolerance
     label = rf"$\sigma_{{{rank}}}/\sigma_1$ of the brackets up to degree {degree}"
     axes.plot(path.times, np.maximum(path.bracket_margin, floor), label=label, **line_style(0))
-    seen = [path.bracket_margin]
-    for i, name in enumerate([name for name in path.margins if name.startswith("sigma_")], 1):
-        letter = name.removeprefix("sigma_")
-        zeros = [crossing.time for crossing in path.crossings if crossing.which == f"det_{letter}"]
+    seen = [np.maximum(path.bracket_margin, floor)]
+    for i, own in enumerate(
+        [own for name in path.margins if (own := margin(name)) and own.kind == "sigma"], 1
+    ):
+        zero = det(own.matrix)
+        zeros = [crossing.time for crossing in path.crossings if crossing.which == zero.name]
         places = np.searchsorted(path.times, zeros)  # the samples go past the zeros
-        times, values = np.insert(path.times, places, zeros), np.insert(path.margins[name], places, 0.0)
-        words = rf"$\sigma_{{\min}}({letter.upper()})$"
-        axes.plot(times, np.maximum(values, floor), label=words, **line_style(i))
+        times, values = np.insert(path.times, places, zeros), np.insert(path.margins[own.name], places, 0.0)
+        seen.append(np.maximum(values, floor))
+        axes.plot(times, seen[-1], label=f"${own.symbol}$", **line_style(i))
         if zeros:
-            axes.plot(zeros, np.full(len(zeros), floor), label=_determinant(f"det_{letter}"), **ZERO)
-        seen.append(values)
+            axes.plot(zeros, np.full(len(zeros), floor), label=f"${zero.symbol} = 0$", **ZERO)
     if path.irregular:
         vectors = sorted({str(path.growth[i].vector) for i in path.irregular})
         words = f"growth vector {' or '.join(vectors if len(vectors) < 4 else [*vectors[:2], 'others'])}"
         axes.plot(path.times[path.irregular], np.full(len(path.irregular), floor), label=words, **CROSSING)
-    axes.set(xlim=(0, path.times[-1]), xlabel="time $t$ [–]", ylabel="least singular value [–]")
-    known = np.concatenate([np.maximum(values[np.isfinite(values)], floor) for values in seen])
-    if known.size and known.max() > 10 * known.min():
-        axes.set_yscale("log")
-    else:
-        axes.set_ylim(0, 1.08 * known.max() if known.size else 1.0)
+    time_axis(axes, path.times[-1], path.times[-1])
+    axes.set_ylabel("least singular value [–]")
+    margin_axis(axes, seen)
     legend_above(axes, 3, **COMPACT)
     say(figure, [note for note in analysis.notes if note.startswith("the path")])
     return figure
 
 
-def _determinant(which: str) -> str:
-    return rf"$\det {which.removeprefix('det_').upper()} = 0$"
-
-
 # --- agility ---------------------------------------------------------------------------------------------------------
 
 
-@_styled
+@styled
 def agility(analysis: Analysis) -> Figure:
     """The agility ellipsoid of the initial guess: its semi-axes, and where its axes point."""
     if analysis.end_point is None:
         raise ValueError("this analysis has no end point to draw")
-    figure, (left, right) = _panels(2)
-    found = analysis.end_point.agility
-    places = np.arange(1, len(found.semi_axes) + 1)
-    plot_semi_axes(left, places, found)
-    plot_axes(right, places, found)
+    figure, (left, right) = axes_grid(2)
+    ellipsoid = analysis.end_point.agility
+    places = np.arange(1, len(ellipsoid.semi_axes) + 1)
+    plot_semi_axes(left, places, ellipsoid)
+    plot_axes(right, places, analysis.problem.system, ellipsoid)
     return figure
 
 
-def plot_semi_axes(axes: Any, places: Array, found: Ellipsoid) -> None:
+def plot_semi_axes(axes: Any, places: Array, ellipsoid: Ellipsoid) -> None:
     """How far the end point moves along each axis for one unit of effort."""
-    least = max(found.semi_axes[0] * 1e-9, 1e-300)
-    axes.bar(places, np.maximum(found.semi_axes, least), width=0.62, color=COLOURS[0])
+    least = max(ellipsoid.semi_axes[0] * 1e-9, 1e-300)
+    axes.bar(places, np.maximum(ellipsoid.semi_axes, least), width=0.62, color=COLOURS[0])
     axes.set(
         yscale="log",
         xticks=places,
         xlabel="principal axis",
         ylabel="semi-axis per $\\sqrt{\\mathrm{effort}}$ [–]",
     )
-    axes.set_title(rf"dexterity $\sqrt{{\det D}}$ = {_times_ten(found.volume)}", loc="left")
+    axes.set_title(rf"dexterity $\sqrt{{\det D}}$ = {_times_ten(ellipsoid.volume)}", loc="left")
     axes.grid(axis="x", visible=False)
 
 
@@ -279,9 +251,11 @@ def _times_ten(value: float) -> str:
     return rf"${mantissa}\cdot 10^{{{int(exponent)}}}$" if exponent else f"${mantissa}$"
 
 
-def plot_axes(axes: Any, places: Array, found: Ellipsoid) -> None:
+def plot_axes(axes: Any, places: Array, system: System, ellipsoid: Ellipsoid) -> None:
     """The components of each axis, a column an axis."""
-    shown = found.axes * np.sign(found.axes[np.abs(found.axes).argmax(axis=0), range(len(places))])
+    shown = ellipsoid.axes * np.sign(
+        ellipsoid.axes[np.abs(ellipsoid.axes).argmax(axis=0), range(len(places))]
+    )
     mesh = axes.imshow(
         shown,
         cmap=SIGNED,
@@ -290,7 +264,7 @@ def plot_axes(axes: Any, places: Array, found: Ellipsoid) -> None:
         aspect="auto",
         extent=(0.5, len(places) + 0.5, len(places) + 0.5, 0.5),
     )
-    labels = [_component(label) for label in found.labels]
+    labels = [_component(system, label) for label in ellipsoid.labels]
     axes.set(xticks=places, yticks=places, yticklabels=labels, xlabel="principal axis")
     axes.set_title("its direction in tangent coordinates", loc="left")
     axes.grid(visible=False)
@@ -299,10 +273,10 @@ def plot_axes(axes: Any, places: Array, found: Ellipsoid) -> None:
     bar.outline.set_linewidth(0.4)
 
 
-def _component(label: str) -> str:
+def _component(system: System, label: str) -> str:
     """position[0] as the first component of the block's symbol."""
     name, _, place = label.rstrip("]").partition("[")
-    return symbol(name, int(place) if place else None)
+    return notation(system, name, *([int(place)] if place else [])).symbol
 
 
 # --- files -----------------------------------------------------------------------------------------------------------

@@ -15,15 +15,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
 from nhpocp.comparison import Entry
 from nhpocp.errors import InvalidProblemError
 from nhpocp.solution import Solution
-from nhpocp.views import curves, drawing, plots, report_words
+from nhpocp.views import drawing, report_words
+from nhpocp.views.curves import as_data
 from nhpocp.views.finite_path import path_of
+from nhpocp.views.page import filled
+from nhpocp.views.panels import crossing_words, panels
 from nhpocp.views.scene import drawn, scene
+from nhpocp.views.style import markup
 from nhpocp.whole import write_text
 
 TEMPLATE = "animation.html.jinja"
@@ -83,16 +86,10 @@ def render(entries: Sequence[Entry]) -> str:
     horizon = max(path_of(entry.solution).times[-1] for entry in entries)
     data = {"horizon": float(horizon), "runs": runs}
     _one_box(entries, runs)
-    environment = Environment(
-        loader=FileSystemLoader(Path(__file__).parent),
-        autoescape=True,  # names and messages are users' words
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     times = sorted({crossing["t"] for run in runs for crossing in run["crossings"]})
     text = json.dumps(data, allow_nan=False, ensure_ascii=False, separators=(",", ":"))
-    return environment.get_template(TEMPLATE).render(
+    return filled(
+        TEMPLATE,
         title=f"Motion: {', '.join(problems)}",
         lead=_lead(runs, times),
         data=data,
@@ -111,9 +108,9 @@ def _lead(runs: Sequence[Any], crossings: Sequence[float]) -> str:
 
 def run(solution: Solution, title: str, most: int) -> dict[str, Any]:
     """One solution's part of the page's data."""
-    shown, panels = scene(solution, most), curves.panels(solution, 4 * most)
+    shown, curves = scene(solution, most), as_data(panels(solution), 4 * most)
     system = solution.problem.system.model
-    alarms = [*plots.crossing_words(solution), *filter(None, [path_of(solution).words])]
+    alarms = [*crossing_words(solution), *filter(None, [path_of(solution).words])]
     if not solution.converged:
         alarms.append(f"This motion is not a verified solution: {solution.message}")
     return {
@@ -122,8 +119,8 @@ def run(solution: Solution, title: str, most: int) -> dict[str, Any]:
         "alarms": alarms,
         "description": f"The moving {system} of {title}, from start to goal; the curves give its numbers over time",
         "legend": _legend(solution),
-        "has_more": any(panel.get("more") for panel in panels),
-        "panels": panels,
+        "has_more": any(panel["more"] for panel in curves),
+        "panels": curves,
         **shown,
     }
 
@@ -131,13 +128,13 @@ def run(solution: Solution, title: str, most: int) -> dict[str, Any]:
 def _words(solution: Solution) -> Markup:
     """The system, the ending, the verified error and the cost of a run, on a line."""
     system, number = solution.problem.system, report_words.number
-    label = system.input_label()
     words = Markup("{}: {}").format(system.model, solution.outcome.value.replace("_", " "))
     if solution.verdict and solution.verdict.error is not None:
         words += Markup(", verified error <i>E</i> = {}").format(number(solution.verdict.error, 3))
     cost = Markup(", ∫|{}|² d<i>t</i> = {}")
-    control = label if isinstance(label, str) else "control"
-    return words + cost.format(control, number(solution.control.effort, 5))
+    return words + cost.format(
+        report_words.control_symbol(solution.problem), number(solution.control.effort, 5)
+    )
 
 
 def _legend(solution: Solution) -> list[tuple[str, str]]:
@@ -150,7 +147,7 @@ def _legend(solution: Solution) -> list[tuple[str, str]]:
         if not {name, drawing.split_name(name)[0]} & gone or drawing.is_closed(np.asarray(line))
     }
     entries = drawing.legend_entries({**shown, "lines": lines})
-    return [(str(curves.markup(words)), look["color"]) for words, look in entries]
+    return [(str(markup(words)), look["color"]) for words, look in entries]
 
 
 def same_system(entries: Sequence[Entry]) -> bool:

@@ -34,17 +34,17 @@ class PanelView {
     figure.className = "panel";
     parent.appendChild(figure);
     const caption = document.createElement("figcaption");
-    caption.appendChild(document.createElement("b")).textContent = panel.title;
+    caption.appendChild(document.createElement("b")).innerHTML = panel.title;
     figure.appendChild(caption);
     this.readings = panel.curves.map((curve) => {
       const entry = document.createElement("span");
       entry.className = "entry";
-      entry.innerHTML = `<svg width="26" height="8" aria-hidden="true"><line x1="1" y1="4" x2="25" y2="4" stroke="${curve.colour}" stroke-width="2" stroke-dasharray="${curve.dash}"/></svg> ${curve.label} = <output></output>`;
+      entry.innerHTML = `<svg width="26" height="8" aria-hidden="true"><line x1="1" y1="4" x2="25" y2="4" stroke="${curve.colour}" stroke-width="2" stroke-dasharray="${curve.dash}"/></svg> ${curve.label} = <output></output>${curve.unit && ` ${curve.unit}`}`;
       caption.appendChild(entry);
       return entry.querySelector("output");
     });
-    const words = `${panel.title} of ${owner} over time, ${panel.curves.length} curve${panel.curves.length > 1 ? "s" : ""}`;
-    const marks = panel.marks.map((mark) => `${mark.which.replace("_", " ")} changes its sign at t = ${mark.t.toFixed(3)}`);
+    const words = `${panel.words} of ${owner} over time, ${panel.curves.length} curve${panel.curves.length > 1 ? "s" : ""}`;
+    const marks = panel.marks.map((mark) => `${mark.words} at t = ${mark.t.toFixed(3)}`);
     this.svg = element("svg", { role: "img", "aria-label": [words, ...marks].join("; ") }, figure);
     this.draw();
   }
@@ -70,21 +70,21 @@ class PanelView {
     }
     element("line", { x1: left, x2: right, y1: bottom, y2: bottom, class: "axis" }, this.svg);
     element("line", { x1: left, x2: left, y1: top, y2: bottom, class: "axis" }, this.svg);
-    for (const mark of panel.marks) element("line", { x1: this.x(mark.t), x2: this.x(mark.t), y1: top, y2: bottom, class: "mark" }, this.svg);
+    for (const mark of panel.marks) element("line", { x1: this.x(mark.t), x2: this.x(mark.t), y1: top, y2: bottom, class: mark.alarm ? "mark" : "grid" }, this.svg);
     for (const curve of panel.curves) element("path", { d: this.path(curve), class: "curve", stroke: curve.colour, "stroke-dasharray": curve.dash }, this.svg);
     this.cursor = element("line", { x1: 0, x2: 0, y1: top, y2: bottom, class: "cursor" }, this.svg);
     this.dots = panel.curves.map((curve) => element("circle", { r: 3, fill: curve.colour, class: "dot" }, this.svg));
   }
 
   levels(low, high) {
-    const found = [];
+    const marks = [];
     if (this.panel.log) {
-      for (let k = Math.ceil(Math.log10(low)); Math.pow(10, k) <= high; k++) found.push(Math.pow(10, k));
-      return found.length > 1 ? found : [low, high];
+      for (let k = Math.ceil(Math.log10(low)); Math.pow(10, k) <= high; k++) marks.push(Math.pow(10, k));
+      return marks.length > 1 ? marks : [low, high];
     }
     const step = niceStep(high - low, 4.5);
-    for (let v = Math.ceil(low / step - 1e-9) * step; v <= high + 1e-9 * step; v += step) found.push(Math.abs(v) < 1e-9 * step ? 0 : v);
-    return found;
+    for (let v = Math.ceil(low / step - 1e-9) * step; v <= high + 1e-9 * step; v += step) marks.push(Math.abs(v) < 1e-9 * step ? 0 : v);
+    return marks;
   }
 
   path(curve) {

@@ -310,9 +310,9 @@ class Scene {
   // --- the room ---
 
   ticks(axis, count) {
-    const step = niceStep(this.high[axis] - this.low[axis] || 1, count), found = [];
-    for (let v = Math.ceil(this.low[axis] / step - 1e-9) * step; v <= this.high[axis] + 1e-9 * step; v += step) found.push(v);
-    return found.map((v) => [v, String(Number(v.toPrecision(6))).replace("-", "\u2212")]);
+    const step = niceStep(this.high[axis] - this.low[axis] || 1, count), levels = [];
+    for (let v = Math.ceil(this.low[axis] / step - 1e-9) * step; v <= this.high[axis] + 1e-9 * step; v += step) levels.push(v);
+    return levels.map((v) => [v, String(Number(v.toPrecision(6))).replace("-", "\u2212")]);
   }
 
   floor() {

@@ -16,8 +16,8 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from nhpocp.arrays import Array
 from nhpocp.solution import Solution
 from nhpocp.systems.system import System
-from nhpocp.views.finite_path import Path, path_of, quantity
-from nhpocp.views.style import COLOURS, GREY, line_style, symbol, with_unit
+from nhpocp.views.finite_path import FinitePath, path_of, quantity
+from nhpocp.views.style import COLOURS, GREY, axis_label, line_style, symbol, unit_words
 
 ELEVATION, AZIMUTH = 20.0, -62.0  # degrees
 SPACE = ("$x$", "$y$", "$z$")
@@ -47,7 +47,7 @@ def poses_of(solution: Solution) -> list[Pose]:
     ]
 
 
-def states_of(solution: Solution, path: Path) -> Array:
+def states_of(solution: Solution, path: FinitePath) -> Array:
     """The packed points of a path, (samples, size)."""
     names = solution.problem.system.state_space.names
     return np.hstack([quantity(solution, name, path) for name in names])
@@ -61,7 +61,7 @@ def goal_pose(solution: Solution) -> Pose | None:
     return Pose("goal", system.drawing(problem.goal_point))
 
 
-def path_points(solution: Solution, path: Path) -> Array:
+def path_points(solution: Solution, path: FinitePath) -> Array:
     """Where the moving body goes, (samples, 3 or 2): the drawing's trace, else the state's first vector of lengths."""
     system = solution.problem.system
     first = system.drawing(solution.problem.start_point)
@@ -88,7 +88,7 @@ def dimension(drawn: Mapping[str, Any]) -> int:
 def axis_names(system: System, numbers: int) -> list[str]:
     """x, y, z, with the unit of a state that has lengths."""
     lengths = any(block.unit == "length" for block in system.state_space.blocks)
-    return [with_unit(name, "length" if lengths else "") for name in SPACE[:numbers]]
+    return [axis_label("", name, unit_words("length") if lengths else "") for name in SPACE[:numbers]]
 
 
 def extent(*drawings: Mapping[str, Any], points: Array) -> tuple[Array, Array]:
@@ -128,7 +128,7 @@ def add_view(
 
 
 def set_view(axes: Any, low: Array, high: Array, names: Sequence[str], zoom: float = 1.0) -> None:
-    """The same scale on the three axes, few ticks, quiet walls."""
+    """One scale on all three axes, few ticks, quiet walls."""
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
     axes.set_box_aspect(high - low, zoom=zoom)
     axes.set_proj_type("ortho")
@@ -164,19 +164,19 @@ def is_closed(line: Array) -> bool:
 
 def kinds_of(lines: Mapping[str, Array]) -> dict[str, float]:
     """Kinds of the open lines with their mean length, the longest first; equal ones, up to rounding, as they came."""
-    found: dict[str, list[float]] = {}
+    sizes: dict[str, list[float]] = {}
     for name, line in lines.items():
         if not is_closed(line):
-            found.setdefault(split_name(name)[0], []).append(
+            sizes.setdefault(split_name(name)[0], []).append(
                 float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum())
             )
-    means = {kind: float(f"{np.mean(sizes):.6g}") for kind, sizes in found.items()}
+    means = {kind: float(f"{np.mean(some):.6g}") for kind, some in sizes.items()}
     return dict(sorted(means.items(), key=lambda item: -item[1]))
 
 
 def split_name(name: str) -> tuple[str, int | None]:
-    found = re.fullmatch(r"(.*?)\s+(\d+)", name)
-    return (found[1], int(found[2]) - 1) if found else (name, None)
+    numbered = re.fullmatch(r"(.*?)\s+(\d+)", name)
+    return (numbered[1], int(numbered[2]) - 1) if numbered else (name, None)
 
 
 def plot_robot(axes: Any, drawing: Mapping[str, Any], *, ghost: bool = False) -> None:
@@ -257,19 +257,16 @@ def plot_path(axes: Any, points: Array, **line: Any) -> None:
 
 
 def plot_curves(
-    figure: Any, curves: Sequence[Array], names: Sequence[str], labels: Sequence[str | None]
-) -> None:
-    """Curves of one, two or three numbers against each other, at equal scale; one number against the sample."""
+    figure: Any, curves: Sequence[Array], names: Sequence[str], looks: Sequence[Mapping[str, Any]]
+) -> Any:
+    """Curves of one, two or three numbers against each other, at one scale; one number against the sample."""
     columns = curves[0].shape[1]
     if columns == 3:
-        axes = add_view(figure, (0.02, 0.06, 0.88, 0.84), *extent(points=np.concatenate(curves)), names)
+        axes = add_view(figure, (0.02, 0.06, 0.88, 0.84), *extent(points=np.concatenate(curves)), names, 0.95)
     else:
         axes = figure.add_axes((0.18, 0.14, 0.76, 0.76))
         axes.set(xlabel=names[0], ylabel=names[1] if columns == 2 else "")
-        if columns == 2:
-            axes.set_aspect("equal", adjustable="datalim")
-    for i, (curve, label) in enumerate(zip(curves, labels, strict=True)):
-        drawn = curve if columns > 1 else np.c_[curve, np.arange(len(curve))]
-        plot_path(axes, drawn, label=label, **(line_style(i) if label else {}))
-    if any(labels):
-        figure.legend(loc="lower center", ncols=len(labels))
+        axes.set_aspect("equal" if columns == 2 else "auto", adjustable="datalim")
+    for curve, look in zip(curves, looks, strict=True):
+        plot_path(axes, curve if columns > 1 else np.c_[curve, np.arange(len(curve))], **look)
+    return axes

@@ -7,40 +7,21 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from functools import wraps
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 
 from nhpocp.solution import Outcome, Solution
 from nhpocp.views import drawing, plots
 from nhpocp.views import failure as failures
-from nhpocp.views.style import COLOURS, COMPACT, GREY, PANEL, legend_above, say, sheet
+from nhpocp.views.finite_path import path_of, quantity
+from nhpocp.views.panels import Panel, crossing_words, margins_of, merged, of_group, panels
+from nhpocp.views.records import error_history
+from nhpocp.views.style import COLOURS, GREY, PANEL, axes_grid, axis_label, line_style, say, sheet, styled
 from nhpocp.whole import write_files
-
-
-def _styled(make: Callable[[Solution], Figure]) -> Callable[[Solution], Figure]:
-    @wraps(make)
-    def styled(solution: Solution) -> Figure:
-        with sheet():
-            return make(solution)
-
-    return styled
-
-
-def _panels(count: int, columns: int = 2) -> tuple[Figure, list[Any]]:
-    """A figure of equal panels, a journal's column wide each; as many axes as asked for."""
-    columns = min(columns, count)
-    rows = -(-count // columns)
-    figure = Figure(
-        figsize=(columns * PANEL[0], rows * PANEL[1]), layout=ConstrainedLayoutEngine(w_pad=0.06, h_pad=0.05)
-    )
-    axes = [figure.add_subplot(rows, columns, i + 1) for i in range(count)]
-    return figure, axes
 
 
 def _only_words(words: str) -> Figure:
@@ -49,65 +30,58 @@ def _only_words(words: str) -> Figure:
     return figure
 
 
-@_styled
+@styled
 def controls(solution: Solution) -> Figure:
     """Controls and leg lengths, or the state's own numbers where there are no legs. [Paper] Fig. 2."""
-    legs = "leg_lengths" in solution.trajectory
-    blocks = [block for block in solution.problem.system.state_space.blocks if block.kind != "rotation"]
-    figure, axes = _panels(2 if legs or blocks else 1)
-    plots.plot_controls(axes[0], solution)
-    if legs:
-        plots.plot_quantity(axes[1], solution, "leg_lengths", "leg length", "length")
-    elif blocks:
-        plots.plot_blocks(axes[1], solution, blocks)
-    for panel in axes:
-        legend_above(panel)
-    say(figure, [plots.path_of(solution).words])
-    return figure
+    every = panels(solution)
+    states = of_group(every, "state")
+    shown = of_group(every, "leg")[:1] or ([merged(states)] if states else [])
+    return _over_time(solution, [*of_group(every, "control"), *shown])
 
 
-@_styled
+@styled
 def relative_pose(solution: Solution) -> Figure:
     """The path relative to the goal, one panel a kind of error. [Paper] Fig. 3."""
-    groups = plots.goal_groups(solution)
-    figure, axes = _panels(len(groups))
-    for panel, blocks in zip(axes, groups, strict=True):
-        plots.plot_relative(panel, solution, blocks)
-        legend_above(panel)
-    say(figure, [plots.path_of(solution).words])
-    return figure
+    return _over_time(solution, of_group(panels(solution), "error"))
 
 
-@_styled
-def convergence(solution: Solution) -> Figure:
-    """The error over the iterations, with the decay that theory promises. [Paper] eqs. (9), (17)."""
-    if not np.isfinite(plots.error_history(solution)[1]).any():
-        return _only_words("The solver recorded no error: there is no convergence to draw.")
-    figure, (axes,) = _panels(1)
-    plots.plot_convergence(axes, solution)
-    legend_above(axes, 2, **COMPACT)
-    return figure
-
-
-@_styled
+@styled
 def margins(solution: Solution) -> Figure:
     """Distance from the singularities along the path, and those that it crosses."""
-    if not any(name.startswith("sigma_") for name in solution.trajectory):
+    shown = of_group(panels(solution), "margin")
+    if not shown:
         return _only_words("This system names no matrix whose singularity would have to be watched.")
-    figure, (axes,) = _panels(1)
-    plots.plot_margins(axes, solution)
-    legend_above(axes)
-    say(figure, [*plots.crossing_words(solution), plots.path_of(solution).words])
+    return _over_time(solution, shown, crossing_words(solution))
+
+
+def _over_time(solution: Solution, shown: Sequence[Panel], words: Iterable[str] = ()) -> Figure:
+    if not shown:
+        return _only_words("This system has neither inputs nor numbers that change over time.")
+    path = path_of(solution)
+    figure, grid = axes_grid(len(shown))
+    for axes, panel in zip(grid, shown, strict=True):
+        plots.draw(axes, panel, path)
+    say(figure, [*words, path.words])
     return figure
 
 
-@_styled
+@styled
+def convergence(solution: Solution) -> Figure:
+    """The error over the iterations, with the decay that theory promises. [Paper] eqs. (9), (17)."""
+    if not np.isfinite(error_history(solution)[1]).any():
+        return _only_words("The solver recorded no error: there is no convergence to draw.")
+    figure, (axes,) = axes_grid(1)
+    plots.draw_convergence(axes, solution)
+    return figure
+
+
+@styled
 def robot(solution: Solution) -> Figure:
     """The mechanism at the start, in the middle and at the end, or the bare path where a system draws nothing."""
     poses = drawing.poses_of(solution)
     if not poses[0].drawing["lines"]:
         return _bare_path(solution)
-    path = plots.path_of(solution)
+    path = path_of(solution)
     points, goal = drawing.path_points(solution, path), drawing.goal_pose(solution)
     shown = [pose.drawing for pose in poses] + ([goal.drawing] if goal else [])
     low, high = drawing.extent(*shown, points=points)
@@ -132,25 +106,26 @@ def robot(solution: Solution) -> Figure:
 
 def _bare_path(solution: Solution) -> Figure:
     """The first numbers of the state against each other, or the tips of the body's axes of a rotation."""
-    path, blocks = plots.path_of(solution), solution.problem.system.state_space.blocks
-    plain = [block for block in blocks if block.kind != "rotation"]
-    values = np.hstack([plots.quantity(solution, block.name, path) for block in plain or blocks[:1]])
-    if not values.size:
+    path, states = path_of(solution), of_group(panels(solution), "state")
+    if not path.samples:
         return _only_words(path.words or "There is no path to draw.")
     figure = Figure(figsize=(PANEL[0], PANEL[0]))
-    if plain:
-        names = [name for block in plain for name in plots.labels_with_unit(block)]
-        drawing.plot_curves(figure, [values[:, :3]], names[:3], [None])
+    if states:
+        curves = merged(states).curves[:3]
+        names = [axis_label("", curve.symbol, curve.unit) for curve in curves]
+        drawing.plot_curves(figure, [np.column_stack([curve.values for curve in curves])], names, [{}])
     else:
-        tips = [values.reshape(-1, 3, 3)[:, :, i] for i in range(3)]
-        drawing.plot_curves(
-            figure, tips, ["$x$", "$y$", "$z$"], ["tip of the body's $x$", "of $y$", "of $z$"]
-        )
+        turned = quantity(solution, solution.problem.system.state_space.blocks[0].name, path)
+        tips = [turned.reshape(-1, 3, 3)[:, :, i] for i in range(3)]
+        words = ("tip of the body's $x$", "of $y$", "of $z$")
+        looks = [{"label": label, **line_style(i)} for i, label in enumerate(words)]
+        drawing.plot_curves(figure, tips, drawing.SPACE, looks)
+        figure.legend(loc="lower center", ncols=3)
     say(figure, [path.words])
     return figure
 
 
-@_styled
+@styled
 def failure(solution: Solution) -> Figure:
     """Why a solve failed: error and margins by evaluation, and where the last path is in trouble."""
     return failures.failure(solution)
@@ -169,7 +144,7 @@ FIGURES: dict[str, Callable[[Solution], Figure]] = {
 def names_of(solution: Solution) -> list[str]:
     """The pictures that say something of a solution: what converged has no failure, what nothing watches no margins."""
     silent = {"failure"} if solution.outcome is Outcome.CONVERGED else set()
-    if not any(name.startswith("sigma_") for name in solution.trajectory):
+    if not margins_of(solution, "sigma"):
         silent.add("margins")
     return [name for name in FIGURES if name not in silent]
 

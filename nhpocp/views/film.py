@@ -17,9 +17,10 @@ from PIL import Image
 from nhpocp.arrays import Array
 from nhpocp.comparison import Entry
 from nhpocp.errors import InvalidProblemError, MissingDependencyError
-from nhpocp.views import drawing, plots, report_words
+from nhpocp.views import drawing, report_words
 from nhpocp.views.animation import MARKER, check_motions, same_system
 from nhpocp.views.finite_path import path_of
+from nhpocp.views.panels import crossing_times
 from nhpocp.views.scene import drawn
 from nhpocp.views.style import ALARM, COLOURS, GREY, sheet
 
@@ -112,7 +113,7 @@ def _scene(figure: Any, box: tuple[float, float, float, float], shot: _Shot, clo
     axes.plot(*points.T, color="0.7", linewidth=0.8, zorder=199)
     axes.plot(*points[: k + 1].T, color=COLOURS[6], linewidth=1.3, zorder=200)
     axes.plot(*points[[k]].T, marker="o", markersize=3, color=GREY, zorder=201)
-    for times in plots.crossing_times(shot.entry.solution).values():
+    for times in crossing_times(shot.entry.solution).values():
         for t in times:
             place = [[float(np.interp(t, shot.times, column))] for column in points.T]
             axes.plot(*place, marker="D", markersize=4, color=ALARM, zorder=202)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,13 +13,18 @@ LARGEST = 1e9  # what is larger has left every picture: the path is cut there as
 
 
 @dataclass(frozen=True)
-class Path:
+class FinitePath:
     """The part of a trajectory that can be drawn: its first ``samples`` samples, at ``times``."""
 
     times: Array
     samples: int
     stored: int
     horizon: float
+
+    @property
+    def end(self) -> float:
+        """The time up to which there is a path."""
+        return float(self.times[-1]) if self.samples else 0.0
 
     @property
     def cut(self) -> bool:
@@ -32,13 +36,13 @@ class Path:
         if not self.samples:
             return "No finite sample: there is no path to draw."
         if self.cut:
-            return f"The path is not finite after t = {self.times[-1]:.4g}; it is cut there."
-        if self.times[-1] < self.horizon * (1 - 1e-9):
-            return f"The path ends at t = {self.times[-1]:.4g}, before T = {self.horizon:.4g}."
+            return f"The path is not finite after t = {self.end:.4g}; it is cut there."
+        if self.end < self.horizon * (1 - 1e-9):
+            return f"The path ends at t = {self.end:.4g}, before T = {self.horizon:.4g}."
         return None
 
 
-def path_of(solution: Solution) -> Path:
+def path_of(solution: Solution) -> FinitePath:
     """Up to where time and state of a solution are finite."""
     times = np.ravel(np.asarray(solution.trajectory.get("t", ()), dtype=float))
     good = np.isfinite(times)
@@ -47,22 +51,20 @@ def path_of(solution: Solution) -> Path:
         flat = values.reshape(len(times), -1)
         good &= (np.nan_to_num(np.abs(flat), nan=np.inf) < LARGEST).all(axis=1)
     samples = len(times) if good.all() else int(np.argmin(good))
-    return Path(times[:samples], samples, len(times), float(solution.control.horizon))
+    return FinitePath(times[:samples], samples, len(times), float(solution.control.horizon))
 
 
-def quantity(solution: Solution, name: str, path: Path) -> Array:
-    """A trajectory's array up to the cut, (samples, components); what is too large for a picture is NaN."""
-    values = np.asarray(solution.trajectory.get(name, ()), dtype=float)[: path.samples]
-    values = values.reshape(path.samples, -1) if values.size else np.empty((path.samples, 0))
+def quantity(solution: Solution, name: str, path: FinitePath) -> Array:
+    """A trajectory's array up to the cut, (samples, components); what is too large for a picture is NaN.
+
+    What a trajectory does not have has no components.
+    """
+    if name not in solution.trajectory:
+        return np.empty((path.samples, 0))
+    values = np.asarray(solution.trajectory[name], dtype=float)
+    values = values[: path.samples].reshape(path.samples, int(np.prod(values.shape[1:])))
     with np.errstate(invalid="ignore"):
-        return np.where(np.abs(values) < LARGEST, values, np.nan) if values.size else values
-
-
-def positive(values: Iterable[float | None]) -> Array:
-    """Numbers for a log axis, NaN where there is none."""
-    found = np.array([np.nan if value is None else float(value) for value in values])
-    found[~(np.isfinite(found) & (found > 0))] = np.nan
-    return found
+        return np.where(np.abs(values) < LARGEST, values, np.nan)
 
 
 def thinned(count: int, most: int) -> Array:

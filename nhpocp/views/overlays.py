@@ -2,26 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from markupsafe import Markup
 from matplotlib.figure import Figure
-from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 
-from nhpocp.arrays import Array
 from nhpocp.comparison import Entry
 from nhpocp.solution import Solution
 from nhpocp.views import drawing, plots
-from nhpocp.views.finite_path import path_of, quantity
-from nhpocp.views.style import ALARM, GREY, line_style, sheet, symbol, with_unit
+from nhpocp.views.finite_path import FinitePath, path_of
+from nhpocp.views.panels import Panel, merged, of_group, panels
+from nhpocp.views.records import column, decays, error_history, positive
+from nhpocp.views.style import axes_grid, axis_label, line_style, sheet
 
-WIDTH, PANEL_HEIGHT = 7.2, 1.75  # inches: a page's text
+WIDTH, HEIGHT = 7.2, 1.75  # inches: a page's text, and a row of panels
 FLAT = 1e-9  # height over width, from which a path in space is shown from above
-Curve = Callable[[Solution], tuple[Array, Array]]  # times and one value each
 
 
 @dataclass(frozen=True)
@@ -36,209 +35,111 @@ class Overlay:
 
 
 @dataclass(frozen=True)
-class Panel:
-    """One quantity over time: its axis label and where a solution has it; ``bound``: what limits it.
+class _Motion:
+    """What the pictures need of a run: its solution, name, number among the runs, path and panels."""
 
-    ``unit``: of what has no room for it on the axis.
-    """
+    solution: Solution
+    name: str
+    number: int
+    path: FinitePath
+    panels: Sequence[Panel]
 
-    words: str
-    curve: Curve
-    bound: str = ""
-    zero: bool = False
-    logarithmic: bool = False
-    unit: str = ""
+    @property
+    def look(self) -> dict[str, Any]:
+        return {**line_style(self.number), "linewidth": 1.2}
 
 
 def overlays(entries: Sequence[Entry], names: Sequence[str]) -> list[Overlay]:
     """Every picture that these runs have in common, in the order of a report; none where nothing was tried."""
-    drawn = [(entry.solution, name, i) for i, (entry, name) in enumerate(zip(entries, names, strict=True))]
-    drawn = [item for item in drawn if entries[item[2]].tried and path_of(item[0]).samples]
-    if not drawn:
+    motions = []
+    for i, (entry, name) in enumerate(zip(entries, names, strict=True)):
+        if entry.tried and (path := path_of(entry.solution)).samples:
+            motions.append(_Motion(entry.solution, name, i, path, panels(entry.solution)))
+    if not motions:
         return []
+    turned = any(block.kind == "rotation" for block in motions[0].solution.problem.system.state_space.blocks)
     with sheet():
-        found = [
-            _controls(drawn),
-            _legs(drawn),
-            _relative(drawn),
-            _path(drawn),
-            _margins(drawn),
-            _convergence(drawn),
+        every = [
+            _over_time(motions, "controls", "Controls", CONTROLS, "control"),
+            _over_time(motions, "legs", "Legs", LEGS, "leg", 0),
+            _over_time(motions, "relative_pose", "Relative pose", RELATIVE + ROTATIONS * turned, "error"),
+            _path(motions) or _plain_path(motions),
+            _over_time(motions, "margins", "Singularity margins", MARGINS, "margin", 2),
+            _convergence(motions),
         ]
-    return [overlay for overlay in found if overlay is not None]
+    return [overlay for overlay in every if overlay is not None]
 
 
-Drawn = Sequence[tuple[Solution, str, int]]  # a solution, its name, its number among the runs
+CONTROLS = Markup(
+    "The control of every run over time; jumps of piecewise constant controls are drawn as jumps."
+)
+LEGS = Markup("Lengths and speeds of the legs of every run over time, speeds where they are no controls.")
+RELATIVE = Markup("The path relative to the goal: zero at the end is the goal reached.")
+ROTATIONS = Markup(
+    " Rotations by the rotation vector <i>r</i> of <i>R</i>&#8239;<i>R</i><sub>d</sub><sup>T</sup>, undefined at a "
+    "half turn (red)."
+)
+MARGINS = Markup(
+    "Least singular values along the path, rotation columns divided by the length scale: zero is a singularity. "
+    "Red lines mark changes of sign of the determinant."
+)
+CONVERGENCE = Markup(
+    "Convergence by iteration; an iteration of one method is not the work of one of the other. Jacobian method: "
+    "the error <i>E</i> at the goal, the tolerance (dotted), in grey the decay (1 − γ)<sup><i>k</i></sup> of "
+    "theory. NLP: the greatest violation of the constraints (thick) and the optimizer's stationarity residual "
+    "(thin)."
+)
 
 
-def _style(number: int) -> dict[str, Any]:
-    return {**line_style(number), "linewidth": 1.2}
+def _legend(figure: Figure, motions: Sequence[_Motion], place: str = "outside upper left") -> None:
+    handles = [Line2D([], [], label=motion.name, **motion.look) for motion in motions]
+    figure.legend(handles=handles, loc=place, ncols=min(len(handles), 4))
 
 
-def _legend(figure: Figure, drawn: Drawn) -> None:
-    handles = [Line2D([], [], label=name, **_style(number)) for _, name, number in drawn]
-    figure.legend(handles=handles, loc="outside upper left", ncols=min(len(handles), 4))
-
-
-def _grid(count: int, columns: int = 3, height: float = PANEL_HEIGHT) -> tuple[Figure, list[Any]]:
-    columns = min(columns, count)
-    rows = -(-count // columns)
-    figure = Figure(
-        figsize=(WIDTH, rows * height + 0.3), layout=ConstrainedLayoutEngine(w_pad=0.05, h_pad=0.05)
-    )
-    return figure, [figure.add_subplot(rows, columns, i + 1) for i in range(count)]
-
-
-def _over_time(drawn: Drawn, panels: Sequence[Panel], columns: int = 3) -> Figure:
-    """Every panel with every run in it."""
-    figure, axes = _grid(len(panels), columns)
-    last = max(path_of(solution).horizon for solution, _, _ in drawn)
-    for axis, panel in zip(axes, panels, strict=True):
-        for solution, name, number in drawn:
-            times, values = panel.curve(solution)
-            if len(values):
-                axis.plot(times, values, label=name, **_style(number))
-        if panel.zero:
-            axis.axhline(0, color=GREY, linewidth=0.6, zorder=1)
-        _limits(axis, panel)
-        if panel.bound:
-            plots.draw_bounds(axis, drawn[0][0], panel.bound)
-        axis.set(xlim=(0, last), xlabel="time $t$ [–]", ylabel=panel.words)
-        axis.set_label(panel.words + panel.unit)  # not drawn: for `readout`
-    _legend(figure, drawn)
-    return figure
-
-
-def _limits(axis: Any, panel: Panel) -> None:
-    """Margins begin at zero, or are on a log axis where they differ by more than a factor of 30."""
-    if not panel.logarithmic:
-        return
-    seen = np.concatenate(
-        [np.asarray(line.get_ydata(), dtype=float) for line in axis.get_lines()] or [np.ones(1)]
-    )
-    seen = seen[np.isfinite(seen) & (seen > 0)]
-    if seen.size and seen.max() > 30 * seen.min():
-        axis.set_yscale("log")
-    else:
-        axis.set_ylim(0, 1.08 * seen.max(initial=1e-9))
-
-
-def _component(name: str, index: int) -> Curve:
-    def curve(solution: Solution) -> tuple[Array, Array]:
-        path = path_of(solution)
-        values = quantity(solution, name, path)
-        return path.times, values[:, index] if values.shape[1] > index else np.empty(0)
-
-    return curve
-
-
-def _input(index: int) -> Curve:
-    def curve(solution: Solution) -> tuple[Array, Array]:
-        path, blocks = path_of(solution), solution.problem.system.input_space.blocks
-        columns = np.hstack([quantity(solution, block.name, path) for block in blocks])
-        if columns.shape[1] <= index:
-            return path.times, np.empty(0)
-        times, values = plots.with_jumps(solution, path.times, columns)
-        return times, values[:, index]
-
-    return curve
-
-
-def _controls(drawn: Drawn) -> Overlay | None:
-    """Every input over time; nothing where the system has none."""
-    panels: list[Panel] = []
-    for block in drawn[0][0].problem.system.input_space.blocks:
-        for i in range(block.size):
-            words = f"control {symbol(block.name, i if block.kind == 'vector' else None)}"
-            panels.append(Panel(with_unit(words, block.unit, rate=True), _input(len(panels)), block.name))
-    if not panels:
+def _over_time(
+    motions: Sequence[_Motion], name: str, title: str, caption: Markup, group: str, columns: int = 3
+) -> Overlay | None:
+    """Axes for every curve of the panels of a group, with that curve of every run; 0 columns: as many as curves."""
+    shown = [(panel, i) for panel in of_group(motions[0].panels, group) for i in range(len(panel.curves))]
+    if not shown:
         return None
-    words = Markup(
-        "The control of every run over time; jumps of piecewise constant controls are drawn as jumps."
-    )
-    return Overlay("controls", "Controls", words, _over_time(drawn, panels), "t")
+    columns = min(columns or min(len(shown[0][0].curves), 4), len(shown))
+    figure, grid = axes_grid(len(shown), columns, (WIDTH / columns, HEIGHT), 0.3)
+    last = max(motion.path.horizon for motion in motions)
+    for axes, (panel, i) in zip(grid, shown, strict=True):
+        _draw(axes, motions, panel, i)
+        plots.time_axis(axes, last, last)
+    _legend(figure, motions)
+    return Overlay(name, title, caption, figure, "t")
 
 
-def _legs(drawn: Drawn) -> Overlay | None:
-    """Leg lengths over leg speeds, for systems with legs."""
-    trajectory = drawn[0][0].trajectory
-    if "leg_lengths" not in trajectory:
-        return None
-    panels = []
-    for name, words, rate in (("leg_lengths", "leg length", False), ("u", "leg speed", True)):
-        if name in trajectory:
-            count = np.asarray(trajectory[name]).reshape(len(trajectory["t"]), -1).shape[1]
-            unit = with_unit("", "length", rate)
-            panels += [
-                Panel(f"{words} {symbol(name, i)}", _component(name, i), name, unit=unit)
-                for i in range(count)
-            ]
-    columns = np.asarray(trajectory["leg_lengths"]).shape[-1]
-    caption = Markup("Leg lengths [length] and leg speeds [length per unit time] of every run over time.")
-    return Overlay("legs", "Legs", caption, _over_time(drawn, panels, min(columns, 4)), "t")
+def _draw(axes: Any, motions: Sequence[_Motion], panel: Panel, place: int) -> None:
+    """One curve of a panel, of every run that has it."""
+    own = panel.curves[place]
+    drawn = []
+    for motion in motions:
+        for other in motion.panels:
+            if other.name != panel.name or len(other.curves) <= place:
+                continue
+            curve = other.curves[place]
+            axes.plot(curve.times, curve.values, label=motion.name, **motion.look)
+            drawn.append(curve.values)
+            marks = [mark for mark in other.marks if mark.curve in ("", curve.name)]
+            plots.draw_marks(axes, marks, motion.look["linestyle"], labelled=False)
+    if panel.zero:
+        plots.zero_line(axes)
+    if panel.margin:
+        plots.margin_axis(axes, drawn)
+    plots.draw_limits(axes, own.limits)
+    axes.set_ylabel(axis_label("" if panel.margin else panel.words, own.symbol, own.unit))
 
 
-def _relative(drawn: Drawn) -> Overlay:
-    panels = []
-    for block in [block for blocks in plots.goal_groups(drawn[0][0]) for block in blocks]:
-        rotation, count = block.kind == "rotation", 3 if block.kind == "rotation" else block.components
-        for i in range(count):
-            name = (
-                f"$r_{i + 1}$ [rad]"
-                if rotation
-                else symbol(block.name, None if block.kind == "scalar" else i)
-            )
-            words = name if rotation else with_unit(f"{name} – goal", block.unit)
-            panels.append(Panel(words, _relative_curve(block, i), zero=True))
-    caption = Markup("The path relative to the goal: zero at the end is the goal reached.")
-    if any(block.kind == "rotation" for block in drawn[0][0].problem.system.state_space.blocks):
-        caption += Markup(
-            " Rotations by the rotation vector <i>r</i> of <i>R</i>&#8239;<i>R</i><sub>d</sub><sup>T</sup>, "
-            "undefined at a half turn."
-        )
-    return Overlay("relative_pose", "Relative pose", caption, _over_time(drawn, panels), "t")
-
-
-def _relative_curve(block: Any, index: int) -> Curve:
-    def curve(solution: Solution) -> tuple[Array, Array]:
-        values = plots.relative_values(solution, block)
-        return path_of(solution).times, values[:, index] if values.size else np.empty(0)
-
-    return curve
-
-
-def _margins(drawn: Drawn) -> Overlay | None:
-    names = [name for name in drawn[0][0].trajectory if name.startswith("sigma_")]
-    if not names:
-        return None
-    panels = [
-        Panel(
-            rf"$\sigma_{{\min}}({name.removeprefix('sigma_').upper()})$ [–]",
-            _component(name, 0),
-            name,
-            logarithmic=True,
-        )
-        for name in names
-    ]
-    figure = _over_time(drawn, panels, 2)
-    for axis, name in zip(figure.axes, names, strict=True):
-        for solution, _, number in drawn:
-            for time in plots.crossing_times(solution).get(name.replace("sigma_", "det_"), []):
-                style = {"color": ALARM, "linewidth": 0.9, "linestyle": line_style(number)["linestyle"]}
-                axis.axvline(time, zorder=1.5, **style)
-    caption = Markup(
-        "Least singular values along the path, rotation columns divided by the length scale: zero is a singularity. "
-        "Red lines mark changes of sign of the determinant."
-    )
-    return Overlay("margins", "Singularity margins", caption, figure, "t")
-
-
-def _path(drawn: Drawn) -> Overlay | None:
+def _path(motions: Sequence[_Motion]) -> Overlay | None:
     """The mechanism at the start with every path, and the paths alone."""
-    first = drawn[0][0]
-    paths = [drawing.path_points(solution, path_of(solution)) for solution, _, _ in drawn]
+    first = motions[0].solution
+    paths = [drawing.path_points(motion.solution, motion.path) for motion in motions]
     if not any(len(points) for points in paths):
-        return _plain_path(drawn)
+        return None
     pose, goal = drawing.poses_of(first)[0], drawing.goal_pose(first)
     every = np.concatenate(paths)
     names = drawing.axis_names(first.problem.system, every.shape[1])
@@ -256,43 +157,34 @@ def _path(drawn: Drawn) -> Overlay | None:
             if goal:
                 drawing.plot_robot(axes, goal.drawing, ghost=True)
             _mechanism(axes, shown.drawing)
-        for points, (_, _, number) in zip(paths, drawn, strict=True):
-            drawing.plot_path(axes, points, **_style(number))
+        for points, motion in zip(paths, motions, strict=True):
+            drawing.plot_path(axes, points, **motion.look)
         if not shown and len(names) == 3:
             axes.zaxis.labelpad = 0  # the narrow box leaves its numbers no room
             axes.tick_params(axis="z", pad=3)
         figure.text((i + 0.5) / count, 0.9, words, ha="center", va="center")
-    handles = [Line2D([], [], label=name, **_style(number)) for _, name, number in drawn]
-    figure.legend(handles=handles, loc="upper left", ncols=min(len(handles), 4))
+    _legend(figure, motions, "upper left")
     caption = Markup(
         "The path of the moving body, from the open to the full dot, at the same scale on all axes."
     )
     return Overlay("path", "Path in space", caption, figure)
 
 
-def _plain_path(drawn: Drawn) -> Overlay | None:
+def _plain_path(motions: Sequence[_Motion]) -> Overlay | None:
     """The first numbers of the state against each other, for systems without a body in space."""
-    blocks = [block for block in drawn[0][0].problem.system.state_space.blocks if block.kind != "rotation"]
-    names = [name for block in blocks for name in plots.labels_with_unit(block)][:3]
-    if len(names) < 2 or {block.unit for block in blocks[:3]} != {blocks[0].unit}:
-        names = names[:2]  # at one scale only what has one unit
+    states = [of_group(motion.panels, "state") for motion in motions]
+    if not states[0]:
+        return None
+    # three numbers at one scale only where they have one unit
+    some, most = (states, 3) if len(states[0][0].curves) > 1 else ([[merged(own)] for own in states], 2)
+    shown = [own[0].curves[:most] for own in some]
+    names = [axis_label("", curve.symbol, curve.unit) for curve in shown[0]]
     if len(names) < 2:
         return None
-    curves = [
-        np.hstack([quantity(solution, block.name, path_of(solution)) for block in blocks])[:, : len(names)]
-        for solution, _, _ in drawn
-    ]
+    curves = [np.column_stack([curve.values for curve in own]) for own in shown]
     figure = Figure(figsize=(WIDTH, 3.4))
-    axes: Any = figure.add_axes((0.1, 0.13, 0.86, 0.74), projection="3d" if len(names) == 3 else None)
-    if len(names) == 3:
-        drawing.set_view(axes, *drawing.extent(points=np.concatenate(curves)), names, zoom=0.85)
-    else:
-        axes.set(xlabel=names[0], ylabel=names[1])
-        axes.set_aspect("equal", adjustable="datalim")
-    for curve, (_, _, number) in zip(curves, drawn, strict=True):
-        drawing.plot_path(axes, curve, **_style(number))
-    handles = [Line2D([], [], label=name, **_style(number)) for _, name, number in drawn]
-    figure.legend(handles=handles, loc="upper left", ncols=min(len(handles), 4))
+    drawing.plot_curves(figure, curves, names, [motion.look for motion in motions])
+    _legend(figure, motions, "upper left")
     caption = Markup(
         "The first numbers of the state against each other, from the open to the full dot, at one scale."
     )
@@ -307,45 +199,37 @@ def _mechanism(axes: Any, shown: Any) -> None:
             axes.plot(*points.T, color="0.55", linewidth=0.9, zorder=5)
 
 
-def _convergence(drawn: Drawn) -> Overlay | None:
+def _convergence(motions: Sequence[_Motion]) -> Overlay | None:
     """A panel a method: E for the Jacobian method, the violation of the constraints for the NLP."""
-    recorded = [item for item in drawn if np.isfinite(plots.error_history(item[0])[1]).any()]
-    methods = list(dict.fromkeys(solution.solver for solution, _, _ in recorded))
+    recorded = [motion for motion in motions if np.isfinite(error_history(motion.solution)[1]).any()]
+    methods = list(dict.fromkeys(motion.solution.solver for motion in recorded))
     if not recorded:
         return None
-    figure, axes = _grid(len(methods), 2, 2.1)
-    for axis, method in zip(axes, methods, strict=True):
-        mine = [item for item in recorded if item[0].solver == method]
-        for solution, name, number in mine:
-            ks, errors = plots.error_history(solution)
+    columns = min(2, len(methods))
+    figure, grid = axes_grid(len(methods), columns, (WIDTH / columns, 2.1), 0.3)
+    for axes, method in zip(grid, methods, strict=True):
+        mine = [motion for motion in recorded if motion.solution.solver == method]
+        for motion in mine:
+            ks, errors = error_history(motion.solution)
             mark = {"marker": "o", "markersize": 1.8} if len(ks) < 40 else {}
-            axis.plot(ks, errors, label=name, **{**_style(number), **mark})
+            axes.plot(ks, errors, label=motion.name, **motion.look, **mark)
             if method == "nlp":
-                duals = [record.get("dual_infeasibility") or np.nan for record in solution.iterations]
-                thin = {**_style(number), "linewidth": 0.7, "alpha": 0.55}
-                axis.plot(ks, duals, label=f"{name}, stationarity", **thin)
-        _references(axis, mine)
-        axis.set_yscale("log")
-        axis.set_xlabel("iteration $k$")
-        axis.xaxis.get_major_locator().set_params(integer=True)
-        words = "violation (thin: stationarity)" if method == "nlp" else r"error $\mathcal{E}$ [–]"
-        axis.set_ylabel(words)
+                duals = positive(column(motion.solution.iterations, "dual_infeasibility"))
+                thin = {**motion.look, "linewidth": 0.7, "alpha": 0.55}
+                axes.plot(ks, duals, label=f"{motion.name}, stationarity", **thin)
+        _references(axes, mine)
+        plots.error_axis(axes, "iteration $k$")
+        if method == "nlp":
+            axes.set_ylabel("violation (thin: stationarity)")
     _legend(figure, recorded)
-    caption = Markup(
-        "Convergence by iteration; an iteration of one method is not the work of one of the other. Jacobian method: "
-        "the error <i>E</i> at the goal, the tolerance (dotted), in grey the decay (1 − γ)<sup><i>k</i></sup> of "
-        "theory. NLP: the greatest violation of the constraints (thick) and the optimizer's stationarity residual "
-        "(thin)."
-    )
-    return Overlay("convergence", "Convergence", caption, figure, "k")
+    return Overlay("convergence", "Convergence", CONVERGENCE, figure, "k")
 
 
-def _references(axis: Any, mine: Drawn) -> None:
-    """Tolerances, and the decay promised by a fixed γ."""
-    for tolerance in {solution.tolerance for solution, _, _ in mine}:
-        axis.axhline(tolerance, color=GREY, linewidth=0.8, linestyle=":", zorder=1)
-    for solution, _, _ in mine:
-        sums, (ks, errors) = plots.step_sums(solution), plots.error_history(solution)
-        if sums is not None and np.isfinite(errors[0]) and np.isfinite(sums[1]).all():
-            promised = errors[0] * np.exp(sums[1] - sums[1][0])
-            axis.plot(ks, promised, color="0.6", linewidth=0.7, zorder=1)
+def _references(axes: Any, mine: Sequence[_Motion]) -> None:
+    """Tolerances, and the decay that theory promises for the steps that were taken."""
+    for tolerance in {motion.solution.tolerance for motion in mine}:
+        axes.axhline(tolerance, **plots.REFERENCE)
+    for motion in mine:
+        promised = decays(motion.solution)
+        if promised is not None and np.isfinite(promised[1]).all():
+            axes.plot(error_history(motion.solution)[0], promised[1], color="0.6", linewidth=0.7, zorder=1)

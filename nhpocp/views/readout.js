@@ -11,7 +11,7 @@
       "·10" + (sign === "-" ? "⁻" : "") + [...digits].map((digit) => RAISED[digit]).join("")).replace("-", "−");
   };
   const placed = ([offset, factor, log], value) => offset + factor * (log ? Math.log10(value) : value);
-  const found = ([offset, factor, log], place) =>
+  const unplaced = ([offset, factor, log], place) =>
     log ? 10 ** ((place - offset) / factor) : (place - offset) / factor;
 
   // the last index whose entry is not above x, or -1: at a jump that is the value after it
@@ -95,7 +95,7 @@
       const hit = panels.findIndex(({ box }) =>
         at.x >= box[0] - 3 && at.x <= box[2] + 3 && at.y >= box[1] - 3 && at.y <= box[3] + 3);
       if (hit < 0) return hide();
-      const x = found(panels[hit].x, at.x), i = before(stops, x);
+      const x = unplaced(panels[hit].x, at.x), i = before(stops, x);
       panel = hit;
       stop = i < 0 ? 0 : i + 1 < stops.length && stops[i + 1] - x < x - stops[i] ? i + 1 : i;
       show();

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from typing import Any
 
 import numpy as np
@@ -43,7 +42,7 @@ def _panel(figure: Figure, axes: Any, xs: list[list[float | None]]) -> dict[str,
             xs.append(times)
         colour = to_hex(line.get_color())
         curves.append({"name": line.get_label(), "colour": colour, "x": xs.index(times), "y": values})
-    name, unit = _name_and_unit(axes.get_label() or axes.get_ylabel())
+    name, unit = _name_and_unit(axes.get_ylabel())
     corners = _drawn(figure, axes, np.column_stack([axes.get_xlim(), axes.get_ylim()]))
     return {
         "name": name,
@@ -69,9 +68,8 @@ def _scale(kind: str, limits: tuple[float, float], drawn: Array) -> list[float]:
 
 
 def _name_and_unit(words: str) -> tuple[str, str]:
-    found = re.fullmatch(r"(.*?)(?: \[([^\]]*)\])?", plain_words(words))
-    name, unit = found.groups() if found else (words, None)
-    return name, unit if unit and unit != "–" else ""
+    name, _, unit = plain_words(words).partition(" [")
+    return name, unit.rstrip("]").replace("–", "")
 
 
 def _short(values: Any, digits: int) -> list[float | None]:

@@ -16,7 +16,8 @@ from nhpocp.systems.system import System
 from nhpocp.views import drawing
 from nhpocp.views.drawing import FILLS, is_closed, kinds_of, open_line_style, split_name
 from nhpocp.views.finite_path import path_of, thinned
-from nhpocp.views.plots import crossing_times
+from nhpocp.views.panels import crossing_times
+from nhpocp.views.style import plain_words, symbol
 
 PLAIN, DARK = "#e8ebef", "#4b5563"  # of balls and of bars that have no line's colour
 TUBE = 0.62  # of the least length of a bar that extends
@@ -27,9 +28,9 @@ Part = dict[str, Any]
 
 def drawn(system: System, state: Array) -> Mapping[str, Any]:
     """A system's drawing; for one that draws nothing its first numbers as a point, or its body's axes."""
-    found = system.drawing(state)
-    if found["lines"] or found["points"] or found.get("solids"):
-        return found
+    own = system.drawing(state)
+    if own["lines"] or own["points"] or own.get("solids"):
+        return own
     values = system.state_space.unpack(state)
     plain = [np.ravel(values[block.name]) for block in system.state_space.blocks if block.kind != "rotation"]
     if plain:
@@ -71,24 +72,25 @@ def scene(solution: Solution, most: int) -> dict[str, Any]:
         "parts": parts,
         "trace": None if trace is None else trace.round(max(grain, 0)).tolist(),
         "ghosts": ghosts,
-        "crossings": [_crossing(which, t, times, trace) for which, t in _crossings(solution)],
+        "crossings": _crossings(solution, times, trace),
         "low": low.tolist(),
         "high": high.tolist(),
         "axes": [name.replace("$", "") for name in drawing.axis_names(system, len(low))],
     }
 
 
-def _crossings(solution: Solution) -> list[tuple[str, float]]:
-    return sorted(
-        ((which, t) for which, times in crossing_times(solution).items() for t in times), key=lambda c: c[1]
-    )
-
-
-def _crossing(which: str, time: float, times: Array, trace: Array | None) -> dict[str, Any]:
-    """A change of sign of a determinant, with the place on the trace where it happens."""
-    words = f"{which.removeprefix('det_').upper()}"
-    point = None if trace is None else [float(np.interp(time, times, column)) for column in trace.T]
-    return {"words": f"det {words} = 0", "t": time, "point": point, "margin": which.replace("det_", "sigma_")}
+def _crossings(solution: Solution, times: Array, trace: Array | None) -> list[dict[str, Any]]:
+    """Changes of sign of determinants in the order of time, each with the place on the trace where it happens."""
+    every = sorted((t, which) for which, zeros in crossing_times(solution).items() for t in zeros)
+    columns = None if trace is None else trace.T
+    return [
+        {
+            "words": plain_words(f"{symbol(which)} = 0"),
+            "t": t,
+            "point": None if columns is None else [float(np.interp(t, times, column)) for column in columns],
+        }
+        for t, which in every
+    ]
 
 
 def _plain(values: Array) -> list[Any]:
@@ -98,7 +100,7 @@ def _plain(values: Array) -> list[Any]:
 
 
 def _held(points: Array) -> Array:
-    """The same points; where one is not finite, the last one that was."""
+    """Points, where one is not finite the last one that was."""
     finite = np.isfinite(points).all(axis=1)
     if not finite.any():
         return np.zeros_like(points)
@@ -155,7 +157,7 @@ def _ball(frames: list[Mapping[str, Any]], name: str) -> Part:
     centres = _along(frames, lambda frame: frame["solids"][name]["centre"])
     turned = _along(frames, lambda frame: frame["solids"][name]["rotation"])
     rows = max(len(centres), len(turned))
-    centre, axes = (np.broadcast_to(found, (rows, *found.shape[1:])) for found in (centres, turned))
+    centre, axes = (np.broadcast_to(some, (rows, *some.shape[1:])) for some in (centres, turned))
     values = np.concatenate([centre[:, None], axes.transpose(0, 2, 1)], axis=1)
     return {"kind": "ball", "colour": PLAIN, "values": values}
 

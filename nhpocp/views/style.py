@@ -8,11 +8,20 @@ from __future__ import annotations
 import re
 import textwrap
 import threading
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from functools import wraps
+from html import unescape
+from typing import Any, NamedTuple, TypeVar
 
+from markupsafe import Markup, escape
 from matplotlib import rc_context
+from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+
+from nhpocp.state_space import Unit, scalar
+from nhpocp.systems.margins import margin, sigma
+from nhpocp.systems.system import System
 
 PANEL = (3.5, 2.6)  # inches: one column of a journal
 DOTS_PER_INCH = 300
@@ -84,6 +93,33 @@ def sheet() -> Iterator[None]:
         yield
 
 
+S = TypeVar("S")
+
+
+def styled(make: Callable[[S], Figure]) -> Callable[[S], Figure]:
+    """A function that makes a figure, under the sheet of settings."""
+
+    @wraps(make)
+    def made(subject: S) -> Figure:
+        with sheet():
+            return make(subject)
+
+    return made
+
+
+def axes_grid(
+    count: int, columns: int = 2, size: tuple[float, float] = PANEL, head: float = 0.0
+) -> tuple[Figure, list[Any]]:
+    """A figure of equal panels of that size, with room for words over them; as many axes as asked for. [inch]"""
+    columns = max(1, min(columns, count))
+    rows = -(-count // columns)
+    figure = Figure(
+        figsize=(columns * size[0], rows * size[1] + head),
+        layout=ConstrainedLayoutEngine(w_pad=0.06, h_pad=0.05),
+    )
+    return figure, [figure.add_subplot(rows, columns, i + 1) for i in range(count)]
+
+
 def line_style(index: int) -> dict[str, Any]:
     """Colour and dashes of the index-th leg, axis or component."""
     return {"color": COLOURS[index % len(COLOURS)], "linestyle": DASHES[index % len(DASHES)]}
@@ -97,54 +133,118 @@ def trial_style(count: int) -> dict[str, Any]:
     return {"linestyle": "none", **marker}
 
 
-_NOTATION = {"position": "p", "orientation": "R", "leg_lengths": "l", "joint_angles": r"\theta"}
-_GREEK = ("alpha", "beta", "gamma", "theta", "phi", "psi", "omega", "sigma", "lambda", "kappa")
-_LETTERS = dict(zip(_GREEK, "αβγθφψωσλκ", strict=True))
+# --- symbols and units ------------------------------------------------------------------------------------------------
 
-
-def symbol(name: str, index: int | None = None) -> str:
-    r"""Mathematics for a name of a block: theta0_dot → $\dot{\theta}_0$, (v, 0) → $v_1$; long words stay words."""
-    found = re.fullmatch(
-        r"(?P<stem>.*?)(?P<number>\d*)(?P<axis>_[a-z])?(?P<dot>_dot)?", _NOTATION.get(name, name)
+_WORDS = {"position": "position", "leg_lengths": "leg length", "joint_angles": "joint angle"}
+LEGS = ("leg_lengths", "u")  # the quantities of legs
+_RATES_OF_LEGGED = {"u": "leg speed", "v": "angular velocity"}
+_UNITS = {"length": "length", "angle": "rad", "": ""}
+_GREEK = dict(
+    zip(
+        ("alpha", "beta", "gamma", "theta", "phi", "psi", "omega", "sigma", "lambda", "kappa"),
+        "αβγθφψωσλκ",
+        strict=True,
     )
-    if found is None:
-        return name
-    stem, subscript = found["stem"], found["number"] + (found["axis"] or "").lstrip("_")
-    if index is not None:
-        subscript += ("," if subscript else "") + str(index + 1)
+)
+
+
+class Notation(NamedTuple):
+    """How one number of a quantity is written.
+
+    ``words``: its name where it has one besides its symbol; ``symbol``: mathtext; ``unit``: words, "rad per unit time"
+    say, "" for a number that has none and for one whose unit nobody states.
+    """
+
+    words: str
+    symbol: str
+    unit: str
+
+
+def notation(system: System, name: str, *place: int) -> Notation:
+    """Words, symbol and unit of an entry of a system's trajectories; ``place`` picks a component."""
+    blocks = {block.name: block for block in (*system.state_space.blocks, *(system.output_blocks or ()))}
+    inputs = {block.name: block for block in system.input_space.blocks}
+    if margin(name):
+        return Notation("least singular value", symbol(name), "–")
+    block = inputs.get(name) or blocks.get(name) or scalar(name)
+    # the numbers of a unit vector are none of its angle
+    unit = "" if block.kind == "direction" else unit_words(block.unit, block.rate or name in inputs)
+    words = _WORDS.get(name, "")
+    if name in inputs:
+        words = "control"
+    elif "leg_lengths" in blocks:
+        words = _RATES_OF_LEGGED.get(name, words)
+    return Notation(words, symbol(block.symbol or name, *place), unit)
+
+
+def unit_words(unit: Unit, rate: bool = False) -> str:
+    """A unit as axes name it; inputs are rates of what their unit says."""
+    words = _UNITS[unit]
+    return f"{words} per unit time" if rate and words else words
+
+
+def axis_label(words: str, mathtext: str, unit: str) -> str:
+    """A label such as "leg length $l_{1}$ [length]"."""
+    return " ".join(part for part in (words, mathtext, f"[{unit}]" if unit else "") if part)
+
+
+def symbol(name: str, *place: int) -> str:
+    r"""Mathematics for a name: theta0_dot → $\dot{\theta}_0$, (v, 0) → $v_1$, det_s → $\det\,S$; long words stay."""
+    if known := margin(name):
+        return f"${known.symbol if known.matrix != 'jacobian' else sigma('j').symbol}$"
+    parts = re.fullmatch(r"(.*?)(\d*)(_[a-z])?(_dot)?", name)
+    stem, number, axis, dot = parts.groups() if parts else (name, "", None, None)
+    indices = [number + (axis or "").lstrip("_"), *(str(index + 1) for index in place)]
+    below = ",".join(index for index in indices if index)
     if stem in _GREEK:
         stem = "\\" + stem
     elif len(stem) > 1 and not stem.startswith("\\"):
-        words = name.replace("_", " ")
-        return words if index is None else f"{words} {index + 1}"
-    if found["dot"]:
-        stem = rf"\dot{{{stem}}}"
-    return f"${stem}_{{{subscript}}}$" if subscript else f"${stem}$"
+        return " ".join([name.replace("_", " "), *indices[1:]])
+    stem = rf"\dot{{{stem}}}" if dot else stem
+    return f"${stem}_{{{below}}}$" if below else f"${stem}$"
 
 
-_LOWERED = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
+def markup(label: str) -> Markup:
+    r"""A label with mathematics as HTML: "length $l_{1}$" → "length <i>l</i><sub>1</sub>"."""
+    parts = label.split("$")
+    return Markup("").join(_formula(part) if i % 2 else escape(part) for i, part in enumerate(parts))
 
 
-def plain_words(words: str) -> str:
+def _formula(mathtext: str) -> Markup:
+    text = re.sub(r"\\math\w+\{(\w+)\}", r"\1", str(escape(mathtext)))
+    text = (
+        re.sub(r"\\dot\{([^}]*)\}", "\\1\N{COMBINING DOT ABOVE}", text)
+        .replace(r"\,", " ")
+        .replace(" - ", " − ")
+    )
+    text = re.sub(r"\\([a-z]+)", lambda command: _GREEK.get(command[1], command[1]), text)
+    # letters on their own are variables; min, det and log are not
+    text = re.sub(r"(?<![A-Za-z&])[A-Za-zα-ω]\N{COMBINING DOT ABOVE}?(?![A-Za-z])", r"<i>\g<0></i>", text)
+    for mark, tag in (("_", "sub"), ("^", "sup")):
+        inner = rf"\{mark}(?:\{{((?:[^{{}}]|\{{[^{{}}]*\}})*)\}}|(<i>\w</i>|\w))"
+        text = re.sub(inner, lambda part, tag=tag: f"<{tag}>{_upright(part[1] or part[2])}</{tag}>", text)  # type: ignore[misc]
+    return Markup(re.sub(r"[{}]", "", text))
+
+
+def _upright(text: str) -> str:
+    return re.sub(r"</?i>", "", text)
+
+
+_LOWERED = str.maketrans("0123456789aehijklmnoprstuvx", "₀₁₂₃₄₅₆₇₈₉ₐₑₕᵢⱼₖₗₘₙₒₚᵣₛₜᵤᵥₓ")
+
+
+def plain_words(label: str) -> str:
     r"""A label without its mathematics: "leg length $l_{1}$" → "leg length l₁", $\sigma_{\min}(S)$ → "σmin(S)"."""
 
-    def plain(formula: re.Match[str]) -> str:
-        text = re.sub(r"\\mathcal\{(\w)\}", r"\1", formula[1])
-        text = re.sub(r"_\{?([\d,]+)\}?", lambda found: found[1].translate(_LOWERED), text)
-        text = re.sub(r"\\dot\{([^}]*)\}", "\\1\N{COMBINING DOT ABOVE}", text)
-        text = re.sub(r"\\([a-z]+)", lambda found: _LETTERS.get(found[1], found[1]), text)
-        return re.sub(r"[{}_]", "", text)
+    def lowered(subscript: re.Match[str]) -> str:
+        short = re.fullmatch(r"\w(,\w)*|\d+", subscript[1])
+        return subscript[1].translate(_LOWERED) if short else subscript[1]
 
-    return re.sub(r"\$([^$]*)\$", plain, words)
+    text = re.sub(r"<sub>(.*?)</sub>", lowered, str(markup(label)))
+    return unescape(re.sub(r"<[^>]*>", "", text))
 
 
-_UNITS = {"length": " [length]", "angle": " [rad]", "": ""}
-_RATES = {"length": " [length per unit time]", "angle": " [rad per unit time]", "": ""}
-
-
-def with_unit(words: str, unit: str, rate: bool = False) -> str:
-    """An axis label; inputs are rates of what their unit says."""
-    return words + (_RATES if rate else _UNITS)[unit]
+# --- pieces of figures ------------------------------------------------------------------------------------------------
 
 
 def say(figure: Any, sentences: Iterable[str | None]) -> None:
@@ -158,12 +258,13 @@ def say(figure: Any, sentences: Iterable[str | None]) -> None:
 def legend_above(axes: Any, columns: int | None = None, **look: Any) -> None:
     """A legend over the axes, where it hides no line."""
     handles, labels = axes.get_legend_handles_labels()
+    most = 2 if any(len(label) > 20 for label in labels) else 4
     if handles:
         axes.legend(
             handles,
             labels,
             loc="lower left",
             bbox_to_anchor=(0.0, 1.02),
-            ncols=columns or min(len(handles), 4),
+            ncols=columns or min(len(handles), most),
             **look,
         )

@@ -24,7 +24,7 @@ def inline_svg(figure: Figure, prefix: str, description: str) -> Markup:
     text = re.sub(r'\sxmlns(:\w+)?="[^"]*"', "", text).replace("xlink:href", "href")
     # clip paths and glyphs are named by their content: the same names in every figure of a page
     text = re.sub(r'(\sid="|href="#|url\(#)', rf"\g<1>{prefix}-", text)
-    text = re.sub(r'\sd="[^"]*"', lambda found: _NUMBER.sub(_short, found[0]), text)
+    text = re.sub(r'\sd="[^"]*"', lambda outline: _NUMBER.sub(_short, outline[0]), text)
     text = re.sub(r"\n\s*", "\n", text)
     head = re.match(r"<svg[^>]*>", text)
     box = re.search(r'viewBox="[^"]*"', text)

@@ -6,17 +6,15 @@ all it depends on. Whatever goes wrong with it costs one line on standard error;
 
 from __future__ import annotations
 
-import ctypes
 import hashlib
 import logging
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
-from types import ModuleType
-from typing import Generic, TypeVar
+from typing import Generic, NamedTuple, TypeVar
 
 import casadi as ca
 import numpy as np
@@ -25,7 +23,8 @@ from nhpocp.arrays import Array
 from nhpocp.flow.compiled import kernel_build, kernel_folder
 from nhpocp.provenance import c_compiler, compiler, processor, without_compiler
 
-CLOSE = 1e-9  # a share of the largest number, or of what a function is given: far above rounding, far below a mistake
+# a fraction of the largest number, or of what a function is given: far above rounding, far below a mistake
+CLOSE = 1e-9
 
 _log = logging.getLogger("nhpocp")
 _said: set[str] = set()
@@ -37,47 +36,49 @@ class NotCompilableError(Exception):
     """There can be no kernel of some functions; says why."""
 
 
+class Recipe(NamedTuple, Generic[K]):
+    """How a kernel is made of what asks for it."""
+
+    identity: Callable[[], str]  # all that the C text depends on, cheap to say
+    source: Callable[[], str]  # that text, or `NotCompilableError`
+    loaded: Callable[[Path], K]  # the kernel of a file, `OSError` or `AttributeError` where it is none
+    agrees: Callable[[K], bool]  # whether it says what CasADi says
+
+
 class Place(Generic[K]):
     """What a process knows of one kernel."""
 
-    def __init__(
-        self, identity: Callable[[], str], source: Callable[[], str], loaded: Callable[[Path], K]
-    ) -> None:
-        """``identity``: all that the C text depends on, cheap to say. ``source``: that text, or `NotCompilableError`.
-
-        ``loaded``: the kernel of a file, `OSError` or `AttributeError` where it is none.
-        """
-        self._identity, self._source, self._loaded = identity, source, loaded
+    def __init__(self) -> None:
         self.kernel: K | None = None
         self.seconds = 0.0  # that CasADi's evaluation has cost so far
         self.untried = True
         self._key, self._building = "", False
 
-    def get(self, agrees: Callable[[K], bool]) -> None:
+    def get(self, recipe: Recipe[K]) -> None:
         """Takes the kernel, which is built if there is none yet."""
         if self.untried:
-            self._take(agrees, self._stored())
+            self._take(recipe, self._stored(recipe))
         if self.untried:
-            self._take(agrees, self._built())
+            self._take(recipe, self._built(recipe))
 
-    def look(self, agrees: Callable[[K], bool], patience: float) -> None:
-        """Takes the stored kernel; where there is none, has it built and looks again after the same time.
+    def look(self, recipe: Recipe[K], patience: float) -> None:
+        """Takes the stored kernel; where there is none, has it built and looks again after that many seconds of work.
 
         What has cost nothing yet may never be asked for again, and is not built.
         """
-        stored = self._stored()
+        stored = self._stored(recipe)
         if stored:
-            self._take(agrees, stored)
+            self._take(recipe, stored)
         elif self.untried and not self._building and self.seconds > 0:
             self._building = True
-            self._begin()
+            self._begin(recipe)
         self.seconds -= patience
 
     def note(self, seconds: float) -> None:
         """Takes down what CasADi's evaluation has cost."""
         self.seconds += seconds
 
-    def _named(self) -> bool:
+    def _named(self, recipe: Recipe[K]) -> bool:
         """Whether there is a name; it is made once."""
         if not self._key and self.untried:
             if not c_compiler():
@@ -88,12 +89,12 @@ class Place(Generic[K]):
             except OSError as error:
                 self._give_up(f"there is no place for kernels ({error.strerror})")
                 return False
-            self._key = _key(self._identity())
+            self._key = _key(recipe.identity())
         return bool(self._key)
 
-    def _stored(self) -> Path | None:
+    def _stored(self, recipe: Recipe[K]) -> Path | None:
         """The kernel in the cache, ours and undamaged; what is not is removed, or it would be met at every run."""
-        if not self._named():
+        if not self._named(recipe):
             return None
         with suppress(OSError):
             folder = kernel_folder.our_folder()
@@ -104,16 +105,16 @@ class Place(Generic[K]):
                 notice(f"the kernel {path} {fault} and was removed")
         return None
 
-    def _text(self) -> str:
+    def _text(self, recipe: Recipe[K]) -> str:
         try:
-            return self._source()
+            return recipe.source()
         except NotCompilableError as error:
             self._give_up(str(error))
             return ""
 
-    def _built(self) -> Path | None:
+    def _built(self, recipe: Recipe[K]) -> Path | None:
         """The kernel, built now."""
-        text = self._text() if self._named() else ""
+        text = self._text(recipe) if self._named(recipe) else ""
         if not text:
             return None
         try:
@@ -122,19 +123,19 @@ class Place(Generic[K]):
             self._give_up(f"{kernel_folder.cache_folder()} takes no kernels ({error.strerror})")
             return None
         said = kernel_build.build(workshop, self._key, c_compiler())
-        found = None if said else self._stored()
-        if found is None:
+        stored = None if said else self._stored(recipe)
+        if stored is None:
             self._give_up(f"the C compiler failed ({said or 'its kernel has gone'})")
-        return found
+        return stored
 
-    def _begin(self) -> None:
+    def _begin(self, recipe: Recipe[K]) -> None:
         """Has the kernel built by a process of its own, which may outlive this one; unless one is at it already."""
         with suppress(OSError):  # nobody asked for this kernel
             place = kernel_folder.made_folder() / f"{kernel_build.BUILDING}{self._key}"
             if kernel_build.busy(place):
                 return
             kernel_folder.remove_workshop(place)  # given up
-            text = self._text()
+            text = self._text(recipe)
             if not text:
                 return
             workshop = kernel_build.new_workshop(place.parent, text)
@@ -150,19 +151,19 @@ class Place(Generic[K]):
             except OSError:
                 shutil.rmtree(workshop, ignore_errors=True)
 
-    def _take(self, agrees: Callable[[K], bool], path: Path | None) -> None:
+    def _take(self, recipe: Recipe[K], path: Path | None) -> None:
         """Loads a kernel and uses it from now on, if it says what CasADi says."""
         if path is None:
             return
         self.untried = False
         try:
-            kernel = self._loaded(path)
+            kernel = recipe.loaded(path)
         except (OSError, AttributeError) as error:
             with suppress(OSError):
                 path.unlink()
             self._give_up(f"the kernel {path} cannot be loaded and was removed ({error})")
             return
-        if agrees(kernel):
+        if recipe.agrees(kernel):
             self.kernel = kernel
         else:
             with suppress(OSError):
@@ -174,7 +175,7 @@ class Place(Generic[K]):
         notice(f"{why}: CasADi's own evaluation is used, slower")
 
 
-def agree(found: Sequence[Array], expected: Sequence[Array], nearby: Sequence[Array]) -> bool:
+def agree(compiled: Sequence[Array], expected: Sequence[Array], nearby: Sequence[Array]) -> bool:
     """Whether a kernel's numbers are CasADi's up to rounding.
 
     ``nearby``: CasADi's numbers where what it is given is `nudged`. Large terms that all but cancel, as in the gaps of
@@ -183,7 +184,7 @@ def agree(found: Sequence[Array], expected: Sequence[Array], nearby: Sequence[Ar
     with np.errstate(all="ignore"):
         return all(
             np.allclose(a, b, rtol=0.0, atol=CLOSE * _largest(b) + _largest(c - b), equal_nan=True)
-            for a, b, c in zip(found, expected, nearby, strict=True)
+            for a, b, c in zip(compiled, expected, nearby, strict=True)
         )
 
 
@@ -192,7 +193,7 @@ def _largest(numbers: Array) -> float:
 
 
 def nudged(numbers: Array) -> Array:
-    """Each of them more or less by a share `CLOSE` of itself."""
+    """Each of them more or less by a fraction `CLOSE` of itself."""
     signs = np.random.default_rng(0).choice([-1.0, 1.0], np.shape(numbers))
     return np.asarray(numbers) * (1.0 + CLOSE * signs)
 
@@ -205,20 +206,6 @@ def _fault(path: Path) -> str:
         return f"is not used ({error.strerror})"
     sound = kernel_build.digest(content) == path.stem.rpartition("-")[2]
     return "" if sound else "is damaged"
-
-
-def identified(parts: Iterable[ca.Function], recipe: Iterable[ModuleType]) -> str:
-    """A name for the C text that these modules make of functions, far cheaper than the text itself."""
-    digest = hashlib.sha256()
-    for module in recipe:
-        digest.update(Path(str(module.__file__)).read_bytes())
-    return " ".join([digest.hexdigest(), *(part.serialize() for part in parts)])
-
-
-def address(array: Array) -> int:
-    """Of a contiguous array that may be written to."""
-    # array.ctypes takes three times as long
-    return ctypes.addressof(ctypes.c_char.from_buffer(array)) if array.size else 0
 
 
 def _key(identity: str) -> str:

@@ -47,19 +47,19 @@ def our_folder() -> Path | None:
     folder = given.parent.resolve() / given.name
     _check_way(folder)
     try:
-        found = folder.lstat()
+        status = folder.lstat()
     except (FileNotFoundError, NotADirectoryError):
         return None
-    if not stat.S_ISDIR(found.st_mode):
-        raise _foreign(folder, "is no folder" if not stat.S_ISLNK(found.st_mode) else "is a link")
-    _check_ours(folder, found)
+    if not stat.S_ISDIR(status.st_mode):
+        raise _foreign(folder, "is no folder" if not stat.S_ISLNK(status.st_mode) else "is a link")
+    _check_ours(folder, status)
     if os.name == "posix" and os.statvfs(folder).f_flag & getattr(os, "ST_NOEXEC", 0):
         raise _foreign(folder, "lies where nothing may be run (noexec)")
     return folder
 
 
 def made_folder() -> Path:
-    """The same folder, made where it is missing, with what leads there."""
+    """`our_folder`, made where it is missing, with what leads there."""
     folder = our_folder()
     if folder is None:
         given = cache_folder()
@@ -83,10 +83,10 @@ def content(kernel: Path) -> bytes:
     """What a kernel's file holds. Errors: `OSError` saying why it is none of ours."""
     flags = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
     with open(os.open(kernel, os.O_RDONLY | flags), "rb") as file:
-        found = os.fstat(file.fileno())
-        if not stat.S_ISREG(found.st_mode):
+        status = os.fstat(file.fileno())
+        if not stat.S_ISREG(status.st_mode):
             raise OSError(errno.EINVAL, "is no file")
-        _check_ours(kernel, found)
+        _check_ours(kernel, status)
         return file.read()
 
 
@@ -110,12 +110,12 @@ def clear_cache() -> int:
         folder = None  # no folder of ours, no kernels
     if folder is None:
         return 0
-    found = kernels(folder)
-    for path in found:
+    removed = kernels(folder)
+    for path in removed:
         path.unlink(missing_ok=True)
     for workshop in folder.glob(f"{kernel_build.BUILDING}*"):
         remove_workshop(workshop)
-    return len(found)
+    return len(removed)
 
 
 def remove_workshop(place: Path) -> None:
@@ -132,11 +132,11 @@ def _check_way(folder: Path) -> None:
     if os.name != "posix":
         return
     masters = {os.geteuid(), 0, os.stat("/").st_uid}  # inside a container root may have another number
-    for place, found in _existing(folder):
-        if found.st_uid not in masters:
+    for place, status in _existing(folder):
+        if status.st_uid not in masters:
             raise _foreign(place, "belongs to another user")
-        shared = found.st_mode & OTHERS_WRITE and not found.st_mode & stat.S_ISVTX
-        if shared and (found.st_mode & stat.S_IWOTH or not _private(found.st_gid)):
+        shared = status.st_mode & OTHERS_WRITE and not status.st_mode & stat.S_ISVTX
+        if shared and (status.st_mode & stat.S_IWOTH or not _private(status.st_gid)):
             raise _foreign(place, "can be written to by others")
 
 
@@ -153,19 +153,19 @@ def _private(group: int) -> bool:
     import pwd
 
     try:
-        found, user = grp.getgrgid(group), pwd.getpwuid(os.geteuid())
+        owners, user = grp.getgrgid(group), pwd.getpwuid(os.geteuid())
     except KeyError:
         return False
-    return found.gr_name == user.pw_name and set(found.gr_mem) <= {user.pw_name}
+    return owners.gr_name == user.pw_name and set(owners.gr_mem) <= {user.pw_name}
 
 
-def _check_ours(path: Path, found: os.stat_result) -> None:
+def _check_ours(path: Path, status: os.stat_result) -> None:
     """Raises where a file or folder is another user's, or others may write to it."""
     if os.name != "posix":
         return  # a user's folders are closed to others by other means
-    if found.st_uid != os.geteuid():
+    if status.st_uid != os.geteuid():
         raise _foreign(path, "belongs to another user")
-    if found.st_mode & OTHERS_WRITE:
+    if status.st_mode & OTHERS_WRITE:
         raise _foreign(path, "can be written to by others")
 
 

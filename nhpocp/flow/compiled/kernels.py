@@ -9,17 +9,16 @@ from dataclasses import dataclass
 from functools import lru_cache
 from hashlib import sha256
 from time import perf_counter
-from typing import Protocol, TypeVar
-from weakref import proxy, ref
+from typing import TypeVar
+from weakref import proxy
 
 from nhpocp.arrays import Array
-from nhpocp.flow.compiled import bundle_kernel, bundle_source, shot_source, sweep_kernel, sweep_source
-from nhpocp.flow.compiled.bundle_kernel import BundleKernel
-from nhpocp.flow.compiled.kernel_cache import Place, agree, nudged
-from nhpocp.flow.compiled.shot_kernel import KernelShots, ShotKernel, identity, tried
+from nhpocp.flow.compiled import shot_source, sweep_source
+from nhpocp.flow.compiled.c_functions import LANES
+from nhpocp.flow.compiled.kernel_cache import Place, Recipe, agree, nudged
+from nhpocp.flow.compiled.shot_kernel import KernelShots, ShotKernel, tried
 from nhpocp.flow.compiled.sweep_kernel import SweepKernel
-from nhpocp.flow.compiled.sweep_source import LANES
-from nhpocp.flow.runge_kutta import Bundle, Ends, Scheme, Sweep, Swept, ends_of
+from nhpocp.flow.runge_kutta import Bundle, Ends, Grid, Scheme, Sweep, Swept
 from nhpocp.flow.shot import Shot, Shots
 from nhpocp.kept import kept
 
@@ -28,93 +27,77 @@ SOLVE = 4.6e-6  # seconds that a solve takes, roughly, for each instruction (`Sh
 
 K = TypeVar("K")
 R = TypeVar("R")
-T = TypeVar("T", Sweep, Bundle)
 Trial = Callable[[], tuple[Array, Array]]
 
 
-class Kernels(Protocol):
-    """How a sweep, the ends of many, or the intervals of an NLP, are evaluated."""
-
-    def swept(self, scheme: Scheme, sweep: Sweep) -> Swept:
-        """What `Scheme.swept` gives."""
-        ...
-
-    def bundled(self, scheme: Scheme, bundle: Bundle) -> Ends:
-        """What `Scheme.bundled` gives."""
-        ...
-
-    def shots(self, shot: Shot, intervals: int, trial: Trial) -> Shots:
-        """The functions of so many intervals; ``trial`` gives variables and parameters (k, ·) to try a kernel on."""
-        ...
-
-
-class _Way(ABC):
-    """All kinds of work, for one answer to when a kernel is wanted."""
+class Kernels(ABC):
+    """How sweeps and the intervals of an NLP are evaluated; when by a kernel is for a subclass to say."""
 
     @abstractmethod
-    def wanted(self, place: Place[K], agrees: Callable[[K], bool], foreseen: float) -> K | None:
+    def wanted(self, place: Place[K], recipe: Recipe[K], foreseen: float) -> K | None:
         """The kernel of a place if it is to be used; the work to come is foreseen to take that many seconds without."""
 
     def swept(self, scheme: Scheme, sweep: Sweep) -> Swept:
-        def agrees(kernel: SweepKernel) -> bool:
-            trial = sweep.trial(TRIED_STEPS)
-            return agree(kernel.swept(trial), scheme.swept(trial), scheme.swept(_nudged(trial)))
-
-        return self._done(_of_sweeps(scheme), agrees, lambda k: k.swept(sweep), lambda: scheme.swept(sweep))
+        """What `Scheme.swept` gives."""
+        recipe = _recipe(scheme, sweep.start, sweep.grid, sweep.coefficients)
+        return self._done(_of_sweeps(scheme), recipe, lambda k: k.swept(sweep), lambda: scheme.swept(sweep))
 
     def bundled(self, scheme: Scheme, bundle: Bundle) -> Ends:
-        def agrees(kernel: BundleKernel) -> bool:
-            trial = bundle.trial(LANES + 1, TRIED_STEPS)
-            return agree(kernel.bundled(trial), scheme.bundled(trial), scheme.bundled(_nudged(trial)))
-
-        def one_by_one() -> Ends:
-            return ends_of([self.swept(scheme, sweep) for sweep in bundle.sweeps()])
-
-        return self._done(_of_bundles(scheme), agrees, lambda k: k.bundled(bundle), one_by_one)
+        """What `Scheme.bundled` gives."""
+        recipe = _recipe(scheme, bundle.start, bundle.grid, bundle.coefficients[0])
+        return self._done(
+            _of_sweeps(scheme), recipe, lambda k: k.bundled(bundle), lambda: scheme.bundled(bundle)
+        )
 
     def _done(
         self,
         place: Place[K],
-        agrees: Callable[[K], bool],
+        recipe: Recipe[K],
         compiled: Callable[[K], R],
         otherwise: Callable[[], R],
     ) -> R:
         """What the kernel of a place gives, or CasADi's evaluation, whose time is taken down."""
-        kernel = self.wanted(place, agrees, 0.0)
+        kernel = self.wanted(place, recipe, 0.0)
         if kernel:
             return compiled(kernel)
         began = perf_counter()
-        found = otherwise()
+        result = otherwise()
         place.note(perf_counter() - began)
-        return found
+        return result
 
     def shots(self, shot: Shot, intervals: int, trial: Trial) -> Shots:
-        place = _of_shots(sha256(identity(shot).encode()).digest())
-        place.shot = ref(shot)
-        foreseen = SOLVE * intervals * shot.length
-        kernel = self.wanted(place, lambda kernel: tried(kernel, shot, *trial()), foreseen)
+        """The functions of so many intervals; ``trial`` gives variables and parameters (k, ·) to try a kernel on."""
+        identity = shot_source.identity(shot)
+        place = _of_shots(sha256(identity.encode()).digest())
+        recipe = Recipe(
+            lambda: identity,
+            lambda: shot_source.c_source(shot),
+            ShotKernel,
+            lambda kernel: tried(kernel, shot, *trial()),
+        )
+        kernel = self.wanted(place, recipe, SOLVE * intervals * shot.length)
         return KernelShots(kernel, shot, intervals) if kernel else shot.interpreted(intervals, place.note)
 
 
 @dataclass(frozen=True)
-class Interpreted(_Way):
+class Interpreted(Kernels):
     """By CasADi's own evaluation, always."""
 
-    def wanted(self, place: Place[K], agrees: Callable[[K], bool], foreseen: float) -> K | None:
+    def wanted(self, place: Place[K], recipe: Recipe[K], foreseen: float) -> K | None:
         return None
 
 
 @dataclass(frozen=True)
-class Compiled(_Way):
+class Compiled(Kernels):
     """By a kernel, which is built first if there is none yet: a few seconds."""
 
-    def wanted(self, place: Place[K], agrees: Callable[[K], bool], foreseen: float) -> K | None:
-        place.get(agrees)
+    def wanted(self, place: Place[K], recipe: Recipe[K], foreseen: float) -> K | None:
+        place.get(recipe)
         return place.kernel
 
 
 @dataclass(frozen=True)
-class CompiledWhenReady(_Way):
+class CompiledWhenReady(Kernels):
     """By a kernel once looking for one is likely to pay.
 
     The cache is asked when CasADi's evaluation has cost ``patience`` seconds or is about to, some six times as long as
@@ -124,55 +107,34 @@ class CompiledWhenReady(_Way):
 
     patience: float = 0.15
 
-    def wanted(self, place: Place[K], agrees: Callable[[K], bool], foreseen: float) -> K | None:
+    def wanted(self, place: Place[K], recipe: Recipe[K], foreseen: float) -> K | None:
         due = place.untried and place.seconds + foreseen > self.patience
         if due and os.environ.get("NHPOCP_COMPILE") != "never":
-            place.look(agrees, self.patience)
+            place.look(recipe, self.patience)
         return place.kernel
 
 
-def _nudged(trial: T) -> T:
-    """The same from a start and under controls that are `nudged`."""
-    return trial._replace(start=nudged(trial.start), coefficients=nudged(trial.coefficients))
+def _recipe(scheme: Scheme, start: Array, grid: Grid, coefficients: Array) -> Recipe[SweepKernel]:
+    """Of the kernel of sweeps, tried on short ones, abreast and alone, under controls near the given one."""
+
+    def agrees(kernel: SweepKernel) -> bool:
+        trial = Bundle.trial(start, grid.first(TRIED_STEPS), coefficients, LANES + 1)
+        nearby = trial._replace(start=nudged(trial.start), coefficients=nudged(trial.coefficients))
+        return agree(kernel.bundled(trial), scheme.bundled(trial), scheme.bundled(nearby))
+
+    return Recipe(
+        lambda: sweep_source.identity(scheme),
+        lambda: sweep_source.c_source(scheme),
+        lambda path: SweepKernel(proxy(scheme), path),  # it is kept with the scheme
+        agrees,
+    )
 
 
 @kept(most=64)
 def _of_sweeps(scheme: Scheme) -> Place[SweepKernel]:
-    scheme = proxy(scheme)  # which this lies with
-    return Place(
-        lambda: sweep_kernel.identity(scheme),
-        lambda: sweep_source.c_source(scheme),
-        lambda path: SweepKernel(scheme, path),
-    )
+    return Place()
 
 
-@kept(most=64)
-def _of_bundles(scheme: Scheme) -> Place[BundleKernel]:
-    scheme = proxy(scheme)
-    return Place(
-        lambda: bundle_kernel.identity(scheme),
-        lambda: bundle_source.c_source(scheme),
-        lambda path: BundleKernel(scheme, path),
-    )
-
-
-class _PlaceOfShots(Place[ShotKernel]):
-    """One for all shots whose C text is the same, whatever their numbers of steps; it holds none of them."""
-
-    shot: ref[Shot]  # the last that was asked for
-
-    def __init__(self) -> None:
-        super().__init__(
-            lambda: identity(self._given()), lambda: shot_source.c_source(self._given()), ShotKernel
-        )
-
-    def _given(self) -> Shot:
-        shot = self.shot()
-        if shot is None:
-            raise ReferenceError("a kernel is looked for while its shot is at hand")
-        return shot
-
-
-@lru_cache(maxsize=64)
-def _of_shots(alike: bytes) -> _PlaceOfShots:
-    return _PlaceOfShots()
+@lru_cache(maxsize=64)  # of no owner: shots of many problems, and of any number of steps, have one C text
+def _of_shots(digest: bytes) -> Place[ShotKernel]:
+    return Place()

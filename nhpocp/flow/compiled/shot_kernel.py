@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable, Mapping, Sequence
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -13,48 +12,45 @@ import numpy as np
 
 from nhpocp.arrays import Array
 from nhpocp.calls import call, mapped
-from nhpocp.flow.compiled import shot_source, sweep_source
-from nhpocp.flow.compiled.kernel_cache import address, agree, identified, nudged
-from nhpocp.flow.shot import Shot
+from nhpocp.flow.compiled.kernel_cache import agree, nudged
+from nhpocp.flow.compiled.library import Library
+from nhpocp.flow.shot import Shot, Shots
 
 ASIDE = 0.01  # of the variables, or of one: how far from the guess a kernel is tried
 _ORDER = ("w", "p", "sigma", "multipliers", "cost", "outputs", "gradient", "jacobian", "hessian")
-
-
-def identity(shot: Shot) -> str:
-    """All that the C text depends on."""
-    return identified(shot.parts, (shot_source, sweep_source))
+_FUNCTIONS = {
+    "cost": ("w p", "cost"),
+    "value": ("w p", "outputs"),
+    "gradient": ("w p", "cost gradient"),
+    "jacobian": ("w p", "outputs jacobian"),
+    "hessian": ("w p sigma multipliers", "hessian"),
+}
 
 
 class ShotKernel:
-    """A loaded kernel. Holds Python's lock while it works, so that its memory may be kept between calls."""
+    """The C text of `shot_source`, loaded."""
 
     def __init__(self, path: Path) -> None:
-        library = ctypes.PyDLL(str(path))
-        self._run, self._wanted = library.nhpocp_shots, library.nhpocp_shots_work
-        self._run.restype, self._wanted.restype = None, ctypes.c_longlong
-        self._run.argtypes = [ctypes.c_longlong] * 3 + [ctypes.c_void_p] * 11
-        self._wanted.argtypes = [ctypes.c_longlong]
-        self._work = np.zeros(0)
+        self._library = Library(path, "nhpocp_shots", "iii" + 11 * "p")
+        self._wanted = self._library.file.nhpocp_shots_work
+        self._wanted.argtypes, self._wanted.restype = [ctypes.c_longlong], ctypes.c_longlong
 
     def run(self, places: Array, size: int, intervals: int, addresses: Mapping[str, int | None]) -> None:
         """Fills what is wanted of `_ORDER`; ``size``: outputs; ``places`` as in `Shot`, of 64 bits."""
-        steps = len(places) - 1
-        if self._work.size < (wanted := self._wanted(steps)):
-            self._work = np.zeros(wanted)
-        given = [addresses.get(name) for name in _ORDER]
-        self._run(intervals, steps, size, places.ctypes.data, *given, address(self._work))
+        steps, given = len(places) - 1, [addresses.get(name) for name in _ORDER]
+        _work, work_at = self._library.room(self._wanted(steps))
+        self._library.call(intervals, steps, size, places.ctypes.data, *given, work_at)
 
 
-class KernelShots:
-    """`Shots` by a kernel."""
+class KernelShots(Shots):
+    """By a kernel."""
 
     def __init__(self, kernel: ShotKernel, shot: Shot, intervals: int) -> None:
         self._kernel, self._shot, self._intervals = kernel, shot, intervals
         self._places = np.ascontiguousarray(shot.places, dtype=np.int64)
 
-    def _function(self, name: str, given: Sequence[str], wanted: Sequence[str]) -> ca.Function:
-        shot, N = self._shot, self._intervals
+    def _function(self, name: str) -> ca.Function:
+        shot, N, (given, wanted) = self._shot, self._intervals, _FUNCTIONS[name]
         rows = {"w": shot.variables, "p": shot.parameters, "multipliers": shot.outputs}
         rows |= {"outputs": shot.outputs, "gradient": shot.variables}
         rows |= {"jacobian": shot.outputs, "hessian": shot.variables}
@@ -66,27 +62,12 @@ class KernelShots:
         def run(addresses: dict[str, int | None]) -> None:
             self._kernel.run(self._places, shot.outputs, N, addresses)
 
-        return _Called(name, {k: shapes[k] for k in given}, {k: shapes[k] for k in wanted}, run)
-
-    @cached_property
-    def cost(self) -> ca.Function:
-        return self._function("cost", ["w", "p"], ["cost"])
-
-    @cached_property
-    def value(self) -> ca.Function:
-        return self._function("value", ["w", "p"], ["outputs"])
-
-    @cached_property
-    def gradient(self) -> ca.Function:
-        return self._function("gradient", ["w", "p"], ["cost", "gradient"])
-
-    @cached_property
-    def jacobian(self) -> ca.Function:
-        return self._function("jacobian", ["w", "p"], ["outputs", "jacobian"])
-
-    @cached_property
-    def hessian(self) -> ca.Function:
-        return self._function("hessian", ["w", "p", "sigma", "multipliers"], ["hessian"])
+        return _Called(
+            name,
+            {key: shapes[key] for key in given.split()},
+            {key: shapes[key] for key in wanted.split()},
+            run,
+        )
 
     def note(self, seconds: float) -> None:
         """It is as fast as it gets."""

@@ -1,97 +1,77 @@
-"""The compiled sweep over all steps of an integrator, called with NumPy arrays."""
+"""Compiled sweeps over all steps of an integrator, called with NumPy arrays."""
 
 from __future__ import annotations
 
-import ctypes
-from functools import lru_cache
 from pathlib import Path
-from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from nhpocp.arrays import Array
-from nhpocp.flow import runge_kutta
-from nhpocp.flow.compiled import sweep_source
-from nhpocp.flow.compiled.kernel_cache import address, identified
-from nhpocp.flow.compiled.sweep_source import LANES
-from nhpocp.flow.runge_kutta import Grid, Scheme, Sweep, Swept
-
-
-def identity(scheme: Scheme) -> str:
-    """All that the C text depends on."""
-    return identified(scheme.functions, (sweep_source, runge_kutta))
+from nhpocp.flow.compiled.c_functions import LANES
+from nhpocp.flow.compiled.library import Library, address
+from nhpocp.flow.compiled.sweep_source import slots
+from nhpocp.flow.runge_kutta import Bundle, Ends, Grid, Scheme, Sweep, Swept
+from nhpocp.kept import kept
 
 
 class SweepKernel:
-    """A loaded kernel. Holds Python's lock while it works, so that its memory may be kept between calls."""
+    """The C text of `sweep_source`, loaded."""
 
     def __init__(self, scheme: Scheme, path: Path) -> None:
-        library = ctypes.PyDLL(str(path))
-        self._sweep = library.nhpocp_sweep
-        self._sweep.restype = None
-        self._sweep.argtypes = [
-            ctypes.c_longlong if kind == "i" else ctypes.c_void_p for kind in "ippippipppp"
-        ]
-        self._scheme, self._work = scheme, (np.zeros(0), 0)  # and where it is
-        self._places: WeakKeyDictionary[Grid, tuple[int, int]] = WeakKeyDictionary()
+        self._scheme, self._library = scheme, Library(path, "nhpocp_sweep", "iippippipppp")
 
     def swept(self, sweep: Sweep) -> Swept:
         """As `Kernels.swept`."""
-        scheme, grid = self._scheme, sweep.grid
-        steps, count, stops = len(grid.h), len(grid.samples), len(sweep.stops)
-        points = (steps + 1) * bool(stops)  # that are watched
-        _work, work_at = self._room(steps)  # held: another thread may ask for more meanwhile
-        h, nodes = self._places.get(grid) or self._placed(grid)
-        numbers, stops_at = _stops(sweep.stops)
-        entries = count * scheme.rows * scheme.inputs
-        first = (steps + 1) * scheme.size
-        second = first + stops * entries
-        found = np.empty(second + points * scheme.watches)
-        found[: scheme.size] = sweep.start
-        controls = np.ascontiguousarray(grid.samples.controls(sweep.coefficients))
-        at = address(found)
-        self._sweep(
-            steps,
-            h,
-            nodes,
-            count,
-            address(controls),
-            at,
-            len(numbers),
-            stops_at,
-            work_at,
-            at + 8 * first,
-            at + 8 * second,
+        (path,), (gathered,), (watched,) = self._gathered(
+            sweep.start, sweep.grid, sweep.coefficients[None], sweep.stops
         )
-        path, gathered, watched = found[:first], found[first:second], found[second:]
-        derivatives = [
-            sweep.by_coefficients(part) for part in gathered.reshape(stops, count, scheme.rows, scheme.inputs)
-        ]
-        shape = stops, scheme.rows, sweep.coefficients.size
-        return Swept(
-            path.reshape(steps + 1, scheme.size),
-            np.reshape(derivatives, shape),
-            watched.reshape(points, scheme.watches),
-        )
+        derivatives = np.array([sweep.grid.by_coefficients(part) for part in gathered])
+        shape = len(sweep.stops), self._scheme.rows, sweep.coefficients.size
+        return Swept(path, derivatives.reshape(shape), watched)
 
-    def _room(self, steps: int) -> tuple[Array, int]:
-        """Memory for so many steps, and where it is."""
+    def bundled(self, bundle: Bundle) -> Ends:
+        """As `Kernels.bundled`."""
+        coefficients = np.asarray(bundle.coefficients, dtype=float)
+        paths, gathered, watched = self._gathered(bundle.start, bundle.grid, coefficients, bundle.stops)
+        at_ends = gathered[:, 0] if bundle.stops else ()
+        derivatives = np.array([bundle.grid.by_coefficients(part) for part in at_ends])
+        shape = len(derivatives), self._scheme.rows, coefficients[0].size
+        return Ends(paths[:, -1], derivatives.reshape(shape), watched[: len(derivatives)])
+
+    def _gathered(
+        self, start: Array, grid: Grid, coefficients: Array, stops: tuple[int, ...]
+    ) -> tuple[Array, Array, Array]:
+        """Of controls Λ (k, m, size): the paths, (k, steps + 1, n), and what is watched along them, (k, points, …).
+
+        In between, what is gathered for each stop at the samples of the control, (k, stops, count, rows, m).
+        """
+        scheme, steps, count, k = self._scheme, len(grid.h), len(grid.samples), len(coefficients)
+        _work, work_at = self._library.room(self._work(steps, k))
+        h, nodes, _numbers, numbers_at = _placed(grid, stops)
+        controls = np.ascontiguousarray(
+            grid.samples.controls(coefficients.reshape(-1, coefficients.shape[2]))
+        )
+        if k > 1:
+            controls = controls.reshape(count, k, scheme.inputs).swapaxes(0, 1).copy()
+        paths = np.empty((k, steps + 1, scheme.size))
+        paths[:, 0] = start
+        gathered = np.empty((k, len(stops), count, scheme.rows, scheme.inputs))
+        watched = np.empty((k, (steps + 1) * bool(stops), scheme.watches))
+        grid_at, paths_at = (steps, h, nodes, count), (address(controls), address(paths))
+        stops_at = len(stops), numbers_at, work_at, address(gathered), address(watched)
+        self._library.call(k, *grid_at, *paths_at, *stops_at)
+        return paths, gathered, watched
+
+    def _work(self, steps: int, paths: int) -> int:
+        """Numbers that so many steps of so many paths take to work in."""
         scheme = self._scheme
-        samples = LANES * -(-4 * steps // LANES)
-        wanted = samples * (scheme.size + scheme.inputs + scheme.entries)
-        if self._work[0].size < wanted:
-            more = np.zeros(wanted)
-            self._work = more, address(more)
-        return self._work
-
-    def _placed(self, grid: Grid) -> tuple[int, int]:
-        """Where the arrays of a grid are: asking takes as long as some steps do."""
-        found = self._places[grid] = address(grid.h), address(grid.nodes)
-        return found
+        samples = LANES * -(-slots(scheme) * steps // LANES)
+        abreast = LANES if paths >= LANES else 1
+        return samples * ((scheme.size + scheme.inputs) * abreast + scheme.entries)
 
 
-@lru_cache(maxsize=64)
-def _stops(stops: tuple[int, ...]) -> tuple[Array, int]:
-    """The numbers of steps as the kernel reads them, and where they are."""
+@kept(most=256)  # asking takes as long as some steps do
+def _placed(grid: Grid, stops: tuple[int, ...]) -> tuple[int, int, Array, int]:
+    """Where the arrays of a grid are; the numbers of steps as the kernel reads them, and where they are."""
     numbers = np.array(stops, dtype=np.int64)
-    return numbers, address(numbers)
+    return address(grid.h), address(grid.nodes), numbers, address(numbers)

@@ -15,11 +15,14 @@ from nhpocp.controls.sequence import join, retimed
 from nhpocp.deferred import Deferred
 from nhpocp.errors import OrientationAtPiError
 from nhpocp.flow.integrators import RungeKutta4
-from nhpocp.interruption import Interruption
+from nhpocp.interruption import STOPPED, Interruption
+from nhpocp.objectives.registry import OBJECTIVES
 from nhpocp.problem import Horizon, PlanningProblem
 from nhpocp.solution import Outcome, Progress, Solution, telling
 from nhpocp.solvers.continuation.confirmation import begun_from, confirmed, end_of
-from nhpocp.solvers.continuation.continuation import Continuation, Found, solution
+from nhpocp.solvers.continuation.continuation import Continuation
+from nhpocp.solvers.continuation.continuation_result import ContinuationResult
+from nhpocp.solvers.continuation.ending import Ending
 from nhpocp.solvers.continuation.initial_control import drawn
 from nhpocp.solvers.continuation.step_rules import Adaptive
 
@@ -56,11 +59,7 @@ class Auto:
 
     def solve(self, problem: PlanningProblem, progress: Progress | None = None) -> Solution:
         with Interruption():  # also between the tries; the next one stops at once
-            return solution(self, problem, _Search(self, problem, progress).found())
-
-
-class _Spent(Exception):
-    """Every evaluation that a search may take has been taken."""
+            return _Search(self, problem, progress).result().solution(self, problem)
 
 
 class _Search:
@@ -73,40 +72,24 @@ class _Search:
         self.tried: list[dict[str, Any]] = []
         self.way = ""  # what is being tried, in words
         self.solves = 0
+        self.given_up = False  # for want of evaluations
 
-    def found(self) -> Found:
+    def result(self) -> ContinuationResult:
         """The first try whose control a finer simulation confirms; otherwise the one that came nearest."""
         began = perf_counter()
-        ended: list[Found] = []
-        stop = ""
+        ended: list[ContinuationResult] = []
+        stopped = False
         try:
-            for way, found in self._ways():
-                ended.append(found)
-                self._note(way, found.outcome.value, found.error)
-                if found.outcome in (Outcome.CONVERGED, Outcome.INTERRUPTED):
+            for way, result in self._ways():
+                ended.append(result)
+                self._note(way, result.outcome.value, result.error)
+                if result.outcome in (Outcome.CONVERGED, Outcome.INTERRUPTED):
                     break
         except KeyboardInterrupt:
-            stop = "Stopped by hand"
-        except _Spent:
-            stop = f"Given up after {len(self.records)} evaluations"
-        best = min(ended, key=lambda found: (found.outcome is not Outcome.CONSTRAINT_VIOLATED, found.rank))
-        if ended[-1].outcome is Outcome.CONVERGED:
-            best = ended[-1]
-            others = len(self.tried) - 1
-            message = (
-                f"{best.message} by {self.tried[-1]['way']}, after {others} other ways"
-                if others
-                else best.message
-            )
-            outcome = best.outcome
-        elif stop == "Stopped by hand" or ended[-1].outcome is Outcome.INTERRUPTED:
-            outcome, message = Outcome.INTERRUPTED, "Stopped by hand"
-        elif best.outcome is Outcome.CONSTRAINT_VIOLATED:
-            outcome, message = best.outcome, f"{best.message}; {len(self.tried)} ways were tried"
-        else:
-            ways = "; ".join(f"{way['way']}: {way['outcome']} (E = {way['error']:.3g})" for way in self.tried)
-            outcome = Outcome.NOT_REACHED
-            message = f"Nothing that was tried reached the goal. {stop + '. ' if stop else ''}{ways}"
+            stopped = True
+        last = ended[-1]
+        best = last if last.outcome is Outcome.CONVERGED else min(ended, key=_nearness)
+        outcome, message = self._ending(best, stopped or last.outcome is Outcome.INTERRUPTED)
         return replace(
             best,
             outcome=outcome,
@@ -116,66 +99,93 @@ class _Search:
             solve_seconds=perf_counter() - began - best.build_seconds,
         )
 
+    def _ending(self, best: ContinuationResult, stopped: bool) -> Ending:
+        """Of all tries, which end with the best."""
+        ways = len(self.tried)
+        if best.outcome is Outcome.CONVERGED:
+            after = f" by {self.tried[-1]['way']}, after {ways - 1} other ways" if ways > 1 else ""
+            return Ending(best.outcome, best.message + after)
+        if stopped:
+            return Ending(Outcome.INTERRUPTED, STOPPED)
+        if best.outcome is Outcome.CONSTRAINT_VIOLATED:
+            return Ending(best.outcome, f"{best.message}; {ways} ways were tried")
+        given_up = f"Given up after {len(self.records)} evaluations. " if self.given_up else ""
+        each = "; ".join(f"{way['way']}: {way['outcome']} (E = {way['error']:.3g})" for way in self.tried)
+        return Ending(Outcome.NOT_REACHED, f"Nothing that was tried reached the goal. {given_up}{each}")
+
     def _note(self, way: str, outcome: str, error: float) -> None:
         before = sum(entry["evaluations"] for entry in self.tried)
         evaluations = len(self.records) - before
         self.tried.append({"way": way, "outcome": outcome, "error": error, "evaluations": evaluations})
 
-    def _ways(self) -> Iterator[tuple[str, Found]]:
+    def _ways(self) -> Iterator[tuple[str, ContinuationResult]]:
         """Every way in order, each tried when it is asked for."""
         problem, starts = self.problem, []
         for start in range(1 + self.restarts):
+            if not self._may_try():
+                return
             own = "the given start" if problem.initial is not None else "a seeded start"
             tried = problem if start == 0 else replace(problem, initial=None)
             self.way = own if start == 0 else f"seeded start {start} of {self.restarts}"
-            found = self._try(tried, start)
-            starts.append(found)
-            yield own if start == 0 else f"seeded start {start}", self._finished(found, self.base)
+            result = self._try(tried, start)
+            starts.append(result)
+            yield own if start == 0 else f"seeded start {start}", self._finished(result, self.base)
         # a drift moves the pose between manoeuvres, and forbids them another time than the one they were planned for
         joined = self._manoeuvres() if problem.system.driftless else None
         if joined is not None:
             yield f"{len(joined.control.basis.bases)} manoeuvres in sequence", joined  # type: ignore[attr-defined]
-        walked = self._walk(min(starts, key=lambda found: found.rank))
+        walked = self._walk(min(starts, key=lambda result: result.rank))
         if walked is not None:
             yield "walking the goal", walked
 
-    def _solve(self, solver: Continuation, problem: PlanningProblem, updates: int = 0) -> Found:
+    def _solve(self, solver: Continuation, problem: PlanningProblem, updates: int = 0) -> ContinuationResult:
         """A confirmed solve, its records among the search's."""
-        if len(self.records) > BUDGET:
-            raise _Spent
         self.solves += 1
         told = telling(self.progress, way=f"try {self.solves}: {self.way}")
-        found = confirmed(solver, problem, told, updates)
+        result = confirmed(solver, problem, told, updates)
         attempt = len(self.tried)
-        self.records += [record | {"attempt": attempt} for record in found.records]
-        return found
+        self.records += [record | {"attempt": attempt} for record in result.records]
+        return result
 
-    def _try(self, problem: PlanningProblem, seed: int) -> Found:
+    def _may_try(self) -> bool:
+        """Whether there are evaluations for another try; what has begun well is finished without."""
+        self.given_up = len(self.records) > BUDGET
+        return not self.given_up
+
+    def _try(self, problem: PlanningProblem, seed: int) -> ContinuationResult:
         """The continuation to the goal alone, given up soon; converged only if confirmed."""
         limit = min(self.base.max_iterations, EVALUATIONS)
         solver = replace(self.base, objective="none", max_iterations=limit, seed=self.base.seed + seed)
         return self._solve(solver, replace(problem, bounds=()) if problem.bounds else problem)
 
-    def _finished(self, found: Found, solver: Continuation) -> Found:
+    def _finished(self, first: ContinuationResult, solver: Continuation) -> ContinuationResult:
         """The second phase, for a try that has reached the goal: least cost, and the bounds.
 
         What had reached the goal is kept where the second phase ends with a claim that finer steps refute.
         """
-        if found.outcome is not Outcome.CONVERGED or (solver.objective == "none" and not self.problem.bounds):
-            return found
-        second = self._solve(solver, begun_from(self.problem, found.control), found.updates)
+        if first.outcome is not Outcome.CONVERGED or (solver.objective == "none" and not self.problem.bounds):
+            return first
+        objective = OBJECTIVES.get(solver.objective)
+        if objective and (words := objective.lacking_control(first.control.basis)):
+            first = replace(
+                first, message=f"{first.message}; not searched for less {objective.name}: {words}"
+            )
+            if not self.problem.bounds:
+                return first
+            solver = replace(solver, objective="none")
+        second = self._solve(solver, begun_from(self.problem, first.control), first.updates)
         if second.outcome in (Outcome.CONVERGED, Outcome.CONSTRAINT_VIOLATED, Outcome.INTERRUPTED):
             return second
         if self.problem.bounds:
             return replace(second, outcome=Outcome.CONSTRAINT_VIOLATED)
         return replace(
-            found, message=f"{found.message}; finer steps refuted the search for less {solver.objective}"
+            first, message=f"{first.message}; finer steps refuted the search for less {solver.objective}"
         )
 
-    def _manoeuvres(self) -> Found | None:
+    def _manoeuvres(self) -> ContinuationResult | None:
         """One plan after another along the geodesic to the goal, each as far as it succeeds; None if one gets stuck.
 
-        A plan that fails is tried again for half of the way. Manoeuvre i would cost E_i in unit time; it gets a share
+        A plan that fails is tried again for half of the way. Manoeuvre i would cost E_i in unit time; it gets
         √E_i / Σ √E of the horizon, with which the whole costs (Σ √E)²/T, the least of all divisions.
         """
         here, step = self.problem.start_point, 0.5
@@ -188,6 +198,8 @@ class _Search:
             part = replace(self.problem, start=start, goal=goal, horizon=Horizon(1.0), via=())
             self.way = f"manoeuvre {len(controls) + 1}, over {step:.3g} of what is left"
             control = self._piece(part, step**0.5)
+            if self.given_up:
+                return None
             if control is None:
                 step *= 0.5
                 continue
@@ -205,23 +217,25 @@ class _Search:
 
         A loop of size s moves a driftless system by s² along its brackets, so the starts shrink like √distance.
         """
-        found: list[Control] = []
+        plans: list[Control] = []
         for seed in range(SEEDS):
+            if not self._may_try():
+                break
             random = np.random.default_rng(self.base.seed + seed)
             tried = self._try(replace(part, initial=drawn(part, random, size)), seed)
             if tried.outcome is Outcome.INTERRUPTED:
                 raise KeyboardInterrupt
             if tried.outcome is Outcome.CONVERGED:
-                found.append(tried.control)
-            if len(found) == 2:
+                plans.append(tried.control)
+            if len(plans) == 2:
                 break
-        return min(found, key=lambda control: control.effort, default=None)
+        return min(plans, key=lambda control: control.effort, default=None)
 
-    def _joined(self, controls: list[Control]) -> Found:
+    def _joined(self, controls: list[Control]) -> ContinuationResult:
         """The manoeuvres as one control over the problem's horizon, corrected as one."""
         weights = np.sqrt([control.effort for control in controls])
-        shares = self.problem.horizon.fixed * weights / weights.sum()
-        joined = join([retimed(control, share) for control, share in zip(controls, shares, strict=True)])
+        durations = self.problem.horizon.fixed * weights / weights.sum()
+        joined = join([retimed(control, time) for control, time in zip(controls, durations, strict=True)])
         integrator = self.base.integrator
         if isinstance(integrator, RungeKutta4):
             steps = int(STEPS_PER_PIECE * integrator.steps * weights.sum() / weights.min())
@@ -231,34 +245,43 @@ class _Search:
         self.way = f"{len(controls)} manoeuvres as one"
         return self._finished(self._solve(replace(solver, objective="none"), whole), solver)
 
-    def _walk(self, nearest: Found) -> Found | None:
+    def _walk(self, nearest: ContinuationResult) -> ContinuationResult | None:
         """Goal continuation: from the pose that a start reaches to the goal, in steps that succeed."""
         problem = self.problem
         here = end_of(problem, nearest.control, self.base.integrator)
-        coefficients, share, step = np.array(nearest.control.coefficients), 0.0, 0.5
-        while np.isfinite(here).all() and share < 1.0 and step > 0.5**HALVINGS:
-            towards = min(1.0, share + step)
+        coefficients, walked, step = np.array(nearest.control.coefficients), 0.0, 0.5
+        while np.isfinite(here).all() and walked < 1.0 and step > 0.5**HALVINGS:
+            if not self._may_try():
+                return None
+            towards = min(1.0, walked + step)
             self.way = f"walking the goal, at {towards:.3g} of the way"
             goal = problem.goal if towards == 1.0 else self._between(here, towards)
             if goal is None:
                 return None
-            found = self._try(replace(problem, goal=goal, initial=coefficients), 0)
-            if found.outcome is Outcome.INTERRUPTED:
+            result = self._try(replace(problem, goal=goal, initial=coefficients), 0)
+            if result.outcome is Outcome.INTERRUPTED:
                 raise KeyboardInterrupt
-            if found.outcome is Outcome.CONVERGED:
-                coefficients, share, step = np.array(found.control.coefficients), towards, 1.5 * step
+            if result.outcome is Outcome.CONVERGED:
+                coefficients, walked, step = np.array(result.control.coefficients), towards, 1.5 * step
             else:
                 step *= 0.5
+        if not self._may_try():
+            return None
         arrived = self._try(replace(problem, initial=coefficients), 0)
         return self._finished(arrived, self.base)
 
-    def _between(self, here: Array, share: float) -> dict[str, Array] | None:
-        """The goal's blocks at a share of the geodesic to it; None where it has two (a half turn) or names outputs."""
+    def _between(self, here: Array, fraction: float) -> dict[str, Array] | None:
+        """The goal's blocks part of the geodesic to it; None where it has two (a half turn) or names outputs."""
         if not set(self.problem.goal) <= set(self.space.names):
             return None
         try:
             tangent = self.space.difference(self.problem.goal_point, here)
         except OrientationAtPiError:
             return None
-        there = self.space.unpack(np.asarray(self.space.retract(here, share * tangent)))
+        there = self.space.unpack(np.asarray(self.space.retract(here, fraction * tangent)))
         return {name: there[name] for name in self.problem.goal}
+
+
+def _nearness(result: ContinuationResult) -> tuple[bool, float]:
+    """For the least: what only breaks a bound comes first, then the smallest error."""
+    return result.outcome is not Outcome.CONSTRAINT_VIOLATED, result.rank

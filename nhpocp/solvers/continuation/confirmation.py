@@ -3,50 +3,50 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import lru_cache
 
 import numpy as np
 
 from nhpocp.arrays import Array
 from nhpocp.controls.control import Control
 from nhpocp.flow.end_point_map import flow_through, stops_of
-from nhpocp.flow.integrators import Integrator, RungeKutta4, resolving
+from nhpocp.flow.integrators import Integrator
+from nhpocp.flow.step_error import finer, resolving
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Outcome, Progress
-from nhpocp.solvers.continuation.continuation import Continuation, Found
-from nhpocp.task import total_error
+from nhpocp.solvers.continuation.continuation import Continuation
+from nhpocp.solvers.continuation.continuation_result import ContinuationResult
+from nhpocp.task import AlikeTasks, total_error
 
-FINER = 4  # times the steps of a claim, for the check
 CORRECTIONS = 3
 
 
 def confirmed(
     solver: Continuation, problem: PlanningProblem, progress: Progress | None = None, updates: int = 0
-) -> Found:
-    """What a continuation finds; where a simulation with ``FINER`` times the steps refutes it, corrected with those.
+) -> ContinuationResult:
+    """What a continuation finds; where a simulation with `finer` steps refutes it, corrected with those.
 
     Every claim is held against such a simulation, that of the last correction too; ends as `not_verified` only if that
     is refuted as well, after `CORRECTIONS` of them. ``updates``: as of `Continuation.find`.
     """
     solver = replace(solver, integrator=resolving(solver.integrator, problem.basis))
-    found, error = solver.find(problem, progress, updates), np.inf
+    claimed, error = solver.find(problem, progress, updates), np.inf
     for correction in range(CORRECTIONS + 1):
-        if found.outcome is not Outcome.CONVERGED:
-            return found
-        error = missed(problem, found.control, solver.integrator)
+        if claimed.outcome is not Outcome.CONVERGED:
+            return claimed
+        error = missed(problem, claimed.control, solver.integrator)
         if error <= solver.tolerance:
-            return found
+            return claimed
         if correction == CORRECTIONS:
             break
-        # what was found is near enough to the least cost; only the goal, and the bounds, are missed
+        # the claim is near enough to the least cost; only the goal, and the bounds, are missed
         solver = replace(solver, integrator=finer(solver.integrator), objective="none")
-        again = solver.find(begun_from(problem, found.control), progress, found.updates)
-        message = f"{found.message}; with finer steps {again.message}"
-        details = {**found.details, **again.details}
-        found = replace(again, message=message, details=details, records=[*found.records, *again.records])
+        again = solver.find(begun_from(problem, claimed.control), progress, claimed.updates)
+        message = f"{claimed.message}; with finer steps {again.message}"
+        details, records = {**claimed.details, **again.details}, [*claimed.records, *again.records]
+        claimed = replace(again, message=message, details=details, records=records)
     steps = getattr(finer(solver.integrator), "steps", 0)
-    message = f"{found.message}; a simulation with {steps} steps misses by E = {error:.3g}"
-    return replace(found, outcome=Outcome.NOT_VERIFIED, message=message)
+    message = f"{claimed.message}; a simulation with {steps} steps misses by E = {error:.3g}"
+    return replace(claimed, outcome=Outcome.NOT_VERIFIED, message=message)
 
 
 def begun_from(problem: PlanningProblem, control: Control) -> PlanningProblem:
@@ -62,17 +62,18 @@ def missed(problem: PlanningProblem, control: Control, integrator: Integrator) -
     return total_error(problem.tasks, path[list(stops_of(flow.times, shares, horizon))])
 
 
+def missed_by_each(
+    problem: PlanningProblem, tasks: AlikeTasks, goals: Array, coefficients: Array, integrator: Integrator
+) -> Array:
+    """E of each of these goals under its own coefficients (k, inputs, size), as `missed`; infinite if it has none."""
+    flow = flow_through(problem.system, problem.basis, problem.horizon.fixed, finer(integrator), ())
+    ends = flow.ends(problem.start_point, coefficients, differentiated=False)
+    return tasks.errors(goals, ends.states)
+
+
 def end_of(problem: PlanningProblem, control: Control, integrator: Integrator) -> Array:
     """Where a control leads, with finer steps than a claim's, as a point of the state space; NaN where it is none."""
     resolved = resolving(integrator, control.basis)
     flow = flow_through(problem.system, control.basis, control.horizon, finer(resolved), ())
     end = flow.end(problem.start_point, control.coefficients)
     return problem.system.state_space.nearest(end) if np.isfinite(end).all() else end
-
-
-@lru_cache(maxsize=16)
-def finer(integrator: Integrator) -> Integrator:
-    """Runge and Kutta's with ``FINER`` times the steps, which takes controls with jumps too."""
-    if isinstance(integrator, RungeKutta4):
-        return replace(integrator, steps=FINER * integrator.steps)
-    return RungeKutta4(FINER * getattr(integrator, "steps", 100))

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar
 
 import numpy as np
 
 from nhpocp.arrays import Array
 from nhpocp.controls.basis import ControlBasis
+from nhpocp.solvers.continuation.trust_region import Number, lengths, within_radius
 from nhpocp.solvers.metrics import Coordinates, WeightedMetric, weight_root
-
-NEGLIGIBLE = 1e-14  # σ/σ₁ under which a singular value is rounding
 
 
 @dataclass(frozen=True)
@@ -27,56 +27,42 @@ class LinearisedPath:
 
 
 @dataclass(frozen=True)
-class Spectrum:
+class Decomposition:
     """The singular value decomposition of J over the metric's `Coordinates`, and e in its basis."""
 
     left: Array
     values: Array
     right: Array
     coordinates: Coordinates
-    error: Array
+    residual: Array
 
-    def within(self, radius: float) -> tuple[Array, Array]:
+    def within(self, radius: Number) -> tuple[Array, Array]:
         """-J^T (J J^T + μ)⁻¹ e and its image, with the μ that makes its length in the metric the radius, or 0."""
-        values = self.values
-        used = len(values) if values[-1] > NEGLIGIBLE * values[0] else rank_of(values, NEGLIGIBLE)
-        inner = within_radius(values[:used], self.error[:used], radius)
-        step = self.coordinates.coefficients(-self.right[:used].T @ inner)
-        return step, -self.left[:, :used] @ (values[:used] * inner)
-
-
-def within_radius(values: Array, error: Array, radius: Array | float) -> Array:
-    """σ e/(σ² + μ) with the μ that makes its length the radius, or 0 if it is shorter: (…, r) each, radii (…,).
-
-    The trust-region subproblem of least squares, solved by Newton's method on 1/length [Moré, Sorensen 1983].
-    """
-    squares, product = values**2, values * error
-    damping = np.zeros((*values.shape[:-1], 1))
-    inner = product / squares
-    for _ in range(30):
-        squared = (inner * inner).sum(-1)
-        excess = np.sqrt(squared) / radius - 1.0
-        long = excess > 1e-3
-        if not long.any():
-            break
-        slope = np.where(long, (inner * inner / (squares + damping)).sum(-1), 1.0)
-        damping = damping + np.where(long, excess * squared / slope, 0.0)[..., None]
-        inner = product / (squares + damping)
-    return inner
+        inner = within_radius(self.values, self.residual, radius)
+        step = self.coordinates.coefficients(-times(transposed(self.right), inner))
+        return step, -times(self.left, self.values * inner)
 
 
 @dataclass(frozen=True)
 class Direction:
-    """The full step δλ, worked out when it is asked for, and what was seen of the Jacobian on the way."""
+    """The full step δλ, worked out when it is asked for, and what was seen of the Jacobian on the way.
+
+    Of `MoorePenrose` also for many Jacobians at once: every number is an array (k,), every vector (k, n) then.
+    """
 
     solve: Callable[[], Array]
     jacobian: Array
-    rank: int
     singular_values: Array
+    # σ/σ₁ up to which they count as zero
+    rank_tolerance: float = 1e-8
     # whether the error cannot be reduced from here in every direction, and the inverse needs that
-    blocked: bool = False
-    spectrum: Spectrum | None = None
+    blocked: Number = False
+    decomposition: Decomposition | None = None
     coordinates: Coordinates | None = None  # of the metric; None: λ itself
+
+    @property
+    def rank(self) -> int:
+        return rank_of(self.singular_values, self.rank_tolerance)
 
     @cached_property
     def step(self) -> Array:
@@ -84,26 +70,26 @@ class Direction:
 
     @property
     def image(self) -> Array:
-        """J δλ, what the step promises to add to e."""
+        """J δλ, what the linear model adds to e."""
         return self.jacobian @ self.step
 
-    def length(self, change: Array) -> float:
+    def length(self, change: Array) -> Number:
         """Size of a change of λ in the metric that this direction was found in."""
-        return self.coordinates.length(change) if self.coordinates else float(np.linalg.norm(change))
+        return lengths(self.coordinates.of(change) if self.coordinates else change)
 
-    def within(self, radius: float) -> tuple[Array, Array]:
+    def within(self, radius: Number) -> tuple[Array, Array]:
         """A step no longer than the radius, and its image: of all such the one that reduces |e + J δλ| most.
 
-        Without a spectrum the full step is shortened, which an ill-conditioned Jacobian turns into next to nothing.
+        Without a decomposition the full step is shortened, which an ill-conditioned J turns into next to nothing.
         """
-        if self.spectrum is not None:
-            return self.spectrum.within(radius)
-        share = min(1.0, radius / max(self.length(self.step), 1e-300))
-        return share * self.step, share * self.image
+        if self.decomposition is not None:
+            return self.decomposition.within(radius)
+        fraction = min(1.0, radius / max(self.length(self.step), 1e-300))
+        return fraction * self.step, fraction * self.image
 
 
-class GeneralizedInverse(Protocol):
-    """J, e ↦ δλ with J δλ ≈ -e. Subclass it: most inverses take the metric that is given."""
+class GeneralizedInverse(ABC):
+    """J, e ↦ δλ with J δλ ≈ -e; most inverses take the metric that is given."""
 
     kind: ClassVar[str]
     looks_along: ClassVar[bool] = False  # whether `metric` is asked
@@ -112,7 +98,8 @@ class GeneralizedInverse(Protocol):
         """The factor, as of a `Metric`, of an inverse that measures δλ by what it does to the whole path; else None."""
         return None
 
-    def __call__(self, jacobian: Array, error: Array, coordinates: Coordinates) -> Direction: ...
+    @abstractmethod
+    def __call__(self, jacobian: Array, residual: Array, coordinates: Coordinates) -> Direction: ...
 
 
 @dataclass(frozen=True)
@@ -126,36 +113,38 @@ class MoorePenrose(GeneralizedInverse):
     rank_tolerance: float = 1e-8
     kind: ClassVar[str] = "moore_penrose"
 
-    def __call__(self, jacobian: Array, error: Array, coordinates: Coordinates) -> Direction:
+    def __call__(self, jacobian: Array, residual: Array, coordinates: Coordinates) -> Direction:
         left, values, right = scaled_svd(jacobian, coordinates)
-        rank = rank_of(values, self.rank_tolerance)
-        spectrum = Spectrum(left, values, right, coordinates, left.T @ error)
+        along = times(transposed(left), residual)
 
         def solve() -> Array:
-            return coordinates.coefficients(-right[:rank].T @ (spectrum.error[:rank] / values[:rank]))
+            rank = rank_of(values, self.rank_tolerance)
+            return coordinates.coefficients(-right[:rank].T @ (along[:rank] / values[:rank]))
 
-        return Direction(solve, jacobian, rank, values, rank < len(error), spectrum, coordinates)
+        decomposition = Decomposition(left, values, right, coordinates, along)
+        blocked = rank_deficient(values, residual.shape[-1], self.rank_tolerance)
+        return Direction(solve, jacobian, values, self.rank_tolerance, blocked, decomposition, coordinates)
 
 
 @dataclass(frozen=True)
 class Damped(GeneralizedInverse):
     """δλ = -Jᵀ (J Jᵀ + μ² I)⁻¹ e, singularity-robust: μ = ``most`` (1 - σ_min/threshold) below the threshold, else 0.
 
-    [Nakamura, Hanafusa 1986]. The threshold is a share of the largest singular value.
+    [Nakamura, Hanafusa 1986]. The threshold is that ``fraction`` of the largest singular value.
     """
 
-    share: float = 0.02
+    fraction: float = 0.02
     most: float = 0.02
     kind: ClassVar[str] = "damped"
 
-    def __call__(self, jacobian: Array, error: Array, coordinates: Coordinates) -> Direction:
+    def __call__(self, jacobian: Array, residual: Array, coordinates: Coordinates) -> Direction:
         left, values, right = scaled_svd(jacobian, coordinates)
-        threshold = self.share * values[0]
-        least = values[-1] if len(values) == len(error) else 0.0
+        threshold = self.fraction * values[0]
+        least = values[-1] if len(values) == len(residual) else 0.0
         damping = self.most * values[0] * max(0.0, 1.0 - least / threshold) if threshold > 0 else 1.0
-        inner = -right.T @ (values / (values**2 + damping**2) * (left.T @ error))
+        inner = -right.T @ (values / (values**2 + damping**2) * (left.T @ residual))
         step = coordinates.coefficients(inner)
-        return Direction(lambda: step, jacobian, rank_of(values, 1e-8), values, coordinates=coordinates)
+        return Direction(lambda: step, jacobian, values, coordinates=coordinates)
 
 
 @dataclass(frozen=True)
@@ -164,14 +153,13 @@ class Transpose(GeneralizedInverse):
 
     kind: ClassVar[str] = "transpose"
 
-    def __call__(self, jacobian: Array, error: Array, coordinates: Coordinates) -> Direction:
+    def __call__(self, jacobian: Array, residual: Array, coordinates: Coordinates) -> Direction:
         _, values, _ = scaled_svd(jacobian, coordinates)
-        gradient = coordinates.coefficients(coordinates.jacobian(jacobian).T @ error)
+        gradient = coordinates.coefficients(coordinates.jacobian(jacobian).T @ residual)
         image = jacobian @ gradient
         squared = float(image @ image)
-        alpha = float(error @ image) / squared if squared > 0 else 0.0
-        rank = rank_of(values, 1e-8)
-        return Direction(lambda: -alpha * gradient, jacobian, rank, values, coordinates=coordinates)
+        alpha = float(residual @ image) / squared if squared > 0 else 0.0
+        return Direction(lambda: -alpha * gradient, jacobian, values, coordinates=coordinates)
 
 
 @dataclass(frozen=True)
@@ -197,16 +185,16 @@ class Lagrangian(GeneralizedInverse):
     def metric(self, path: LinearisedPath) -> Array:
         M, horizon = path.variations, float(path.times[-1])
         steps = np.diff(path.times) / horizon
-        shares = 0.5 * (np.append(steps, 0.0) + np.append(0.0, steps))  # trapezoidal
+        weights = 0.5 * (np.append(steps, 0.0) + np.append(0.0, steps))  # trapezoidal
         of_states = weight_root(self.state_weight, M.shape[1], definite=False) @ M
-        of_states = (np.sqrt(shares)[:, None, None] * of_states).reshape(-1, M.shape[2])
+        of_states = (np.sqrt(weights)[:, None, None] * of_states).reshape(-1, M.shape[2])
         of_controls = WeightedMetric(self.control_weight).factor(path.basis, len(path.inputs), horizon).T
         of_controls = of_controls / np.repeat(np.sqrt(horizon) * path.inputs, path.basis.size)
         # the sum of squares as one triangle, never squared: M may be large beside P
         return np.asarray(np.linalg.qr(np.vstack([of_states, of_controls]), mode="r")).T
 
-    def __call__(self, jacobian: Array, error: Array, coordinates: Coordinates) -> Direction:
-        return MoorePenrose(self.rank_tolerance)(jacobian, error, coordinates)
+    def __call__(self, jacobian: Array, residual: Array, coordinates: Coordinates) -> Direction:
+        return MoorePenrose(self.rank_tolerance)(jacobian, residual, coordinates)
 
 
 def scaled_svd(jacobian: Array, coordinates: Coordinates) -> tuple[Array, Array, Array]:
@@ -217,4 +205,20 @@ def scaled_svd(jacobian: Array, coordinates: Coordinates) -> tuple[Array, Array,
 
 def rank_of(values: Array, tolerance: float) -> int:
     """Singular values above ``tolerance`` times the largest."""
-    return int(np.count_nonzero(values > tolerance * values[0])) if values.size and values[0] > 0 else 0
+    return int(np.count_nonzero(values > tolerance * values[0])) if values.size else 0
+
+
+def rank_deficient(values: Array, rows: int, tolerance: float) -> Number:
+    """Whether fewer singular values (…, r), largest first, than ``rows`` are above ``tolerance`` times the largest."""
+    if values.shape[-1] < rows:
+        return np.ones(values.shape[:-1], dtype=bool)
+    return np.logical_not(values[..., -1] > tolerance * values[..., 0])
+
+
+def times(matrices: Array, vectors: Array) -> Array:
+    """A matrix times a vector, or each of many times its own."""
+    return np.asarray((matrices @ vectors[..., None])[..., 0])
+
+
+def transposed(matrices: Array) -> Array:
+    return matrices.swapaxes(-1, -2)

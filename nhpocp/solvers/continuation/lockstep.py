@@ -1,28 +1,35 @@
 """The adaptive continuation towards many goals from one start, each of its operations done for all goals at once.
 
-The formulas are those of `Adaptive` and `MoorePenrose`, and so are the plans, to rounding. Trials are refused as there;
-a goal whose search does not end at it so is left to the solver itself, which finds out why and says it.
+The formulas are the loop's own: `Adaptive`'s trust region, `MoorePenrose`, the stop criteria, the confirmation; the
+plans are those of single solves to rounding. A goal whose search does not end at it so is left to the solver itself,
+which finds out why and says it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
 from nhpocp.arrays import Array
 from nhpocp.flow.end_point_map import DifferentiatedEndPointMap, flow_through
-from nhpocp.flow.integrators import RungeKutta4, resolving
+from nhpocp.flow.integrators import RungeKutta4
+from nhpocp.flow.step_error import resolving
 from nhpocp.interruption import Interruption
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Solver
+from nhpocp.solvers.budget import Budget
 from nhpocp.solvers.continuation.auto import EVALUATIONS, Auto
-from nhpocp.solvers.continuation.confirmation import finer
-from nhpocp.solvers.continuation.continuation import DIVERGED_ABOVE, STAGNATION_WINDOW, Continuation
-from nhpocp.solvers.continuation.generalized_inverses import NEGLIGIBLE, MoorePenrose, within_radius
-from nhpocp.solvers.continuation.step_rules import KEPT, PROMISED, SMALLEST, Adaptive, next_radius
+from nhpocp.solvers.continuation.confirmation import missed_by_each
+from nhpocp.solvers.continuation.continuation import Continuation
+from nhpocp.solvers.continuation.generalized_inverses import Direction, MoorePenrose
+from nhpocp.solvers.continuation.singularity_crossings import keeps_sign
+from nhpocp.solvers.continuation.step_rules import Adaptive
+from nhpocp.solvers.continuation.stop_criteria import STAGNATION_WINDOW, arrival, below_tolerance, lost
+from nhpocp.solvers.continuation.trust_region import LEAST_GAIN, gain_ratio, lengths
 from nhpocp.solvers.metrics import Coordinates
 from nhpocp.systems.numeric import numeric_system
 from nhpocp.task import AlikeTasks
@@ -39,7 +46,7 @@ class Reached:
 
     @property
     def message(self) -> str:
-        return f"E = {self.error:.3g} after {self.updates} updates"
+        return arrival(self.error, self.updates)
 
 
 def reached_together(solver: Solver, problems: Sequence[PlanningProblem]) -> list[Reached | None]:
@@ -48,27 +55,27 @@ def reached_together(solver: Solver, problems: Sequence[PlanningProblem]) -> lis
     Of the strategies of `Auto` only the first is tried here, the problem's own start.
     """
     reached: list[Reached | None] = [None] * len(problems)
-    tried = type(solver) is Auto  # whether claims are tried with finer steps
+    confirms = type(solver) is Auto
     method = _method(solver.continuation if type(solver) is Auto else solver, problems)
     if method is None:
         return reached
-    limit = min(EVALUATIONS if tried else STAGNATION_WINDOW, method.solver.max_iterations)
+    limit = min(EVALUATIONS if confirms else STAGNATION_WINDOW, method.solver.max_iterations)
     with Interruption() as interruption, np.errstate(all="ignore"):
         for places in _alike(problems):
             try:
                 search = _Lockstep(method, [problems[place] for place in places], interruption)
-                found = search.found(limit)
-                found = search.confirmed(found) if tried else found
+                plans = search.plans(Budget(1 + limit))
+                plans = search.confirmed(plans) if confirms else plans
             except (np.linalg.LinAlgError, RuntimeError):  # LAPACK's, CasADi's
-                found = {}  # the solver says whose goal it was
+                plans = {}  # the solver says whose goal it was
             interruption.check()
-            for place, plan in found.items():
+            for place, plan in plans.items():
                 reached[places[place]] = plan
     return reached
 
 
 class _Method(NamedTuple):
-    """A continuation and those of its parts whose formulas stand here again."""
+    """A continuation whose step rule and inverse work on many goals at once."""
 
     solver: Continuation
     rule: Adaptive
@@ -100,67 +107,72 @@ def _alike(problems: Sequence[PlanningProblem]) -> list[list[int]]:
     return list(groups.values())
 
 
-class _Here(NamedTuple):
-    """The current controls of k goals and where they lead."""
+class _Coordinates(Coordinates):
+    """Of k goals, vectors as rows; one for all where they are measured alike, as by a system with its own length."""
 
-    place: Array  # the goal's, (k,)
+    def __init__(self, each: Sequence[Coordinates]) -> None:
+        self._each = each
+
+    @staticmethod
+    def of_problems(solver: Continuation, problems: Sequence[PlanningProblem]) -> _Coordinates:
+        inputs = np.stack([problem.scales.inputs for problem in problems])
+        different = inputs[:1] if (inputs == inputs[0]).all() else inputs
+        basis, horizon = problems[0].basis, problems[0].horizon.fixed
+        return _Coordinates(
+            [Coordinates.natural(solver.metric, basis, sizes, horizon) for sizes in different]
+        )
+
+    def at(self, places: Array) -> _Coordinates:
+        """Those of some of the goals."""
+        return self if len(self._each) == 1 else _Coordinates([self._each[place] for place in places])
+
+    def jacobian(self, by_coefficients: Array) -> Array:
+        if len(self._each) == 1:
+            return self._each[0].jacobian(by_coefficients)
+        pairs = zip(self._each, by_coefficients, strict=True)
+        return np.reshape([one.jacobian(rows) for one, rows in pairs], by_coefficients.shape)
+
+    def coefficients(self, z: Array) -> Array:
+        if len(self._each) == 1:
+            return self._each[0].coefficients(z.T).T
+        return np.reshape([one.coefficients(row) for one, row in zip(self._each, z, strict=True)], z.shape)
+
+    def of(self, coefficients: Array) -> Array:
+        if len(self._each) == 1:
+            return self._each[0].of(coefficients.T).T
+        pairs = zip(self._each, coefficients, strict=True)
+        return np.reshape([one.of(row) for one, row in pairs], coefficients.shape)
+
+
+@dataclass(frozen=True)
+class Evaluations:
+    """The current controls of k goals and where they lead: what `Evaluation` is for one."""
+
+    goal: Array  # its place among the problems, (k,)
     coefficients: Array  # (k, inputs · size)
     error: Array  # E
-    vector: Array  # e, dimensionless (k, r)
+    residual: Array  # e, dimensionless (k, r)
     jacobian: Array  # its derivative by λ, (k, r, inputs · size)
-    useful: Array  # whether the path is one to go on from
+    usable: Array  # whether the path is one to go on from
+
+    @cached_property
+    def merit(self) -> Array:
+        return np.asarray(lengths(self.residual))
+
+    def of(self, mask: Array) -> Evaluations:
+        """Some of the goals."""
+        return Evaluations(*(part[mask] for part in self._parts))
+
+    def moved(self, mask: Array, trial: Evaluations) -> Evaluations:
+        """With the trials of some goals in place of what is."""
+        pairs = zip(self._parts, trial._parts, strict=True)
+        return Evaluations(
+            *(np.where(mask.reshape(-1, *[1] * (old.ndim - 1)), new, old) for old, new in pairs)
+        )
 
     @property
-    def merit(self) -> Array:
-        return _length(self.vector)
-
-    def of(self, mask: Array) -> _Here:
-        """Some of the goals."""
-        return _Here(*(part[mask] for part in self))
-
-    def moved(self, mask: Array, trial: _Here) -> _Here:
-        """With the trials of some goals in place of what is."""
-        pairs = zip(self, trial, strict=True)
-        return _Here(*(np.where(mask.reshape(-1, *[1] * (old.ndim - 1)), new, old) for old, new in pairs))
-
-
-class _Steps(NamedTuple):
-    """Steps inside the goals' trust regions."""
-
-    step: Array  # δλ, (k, inputs · size)
-    size: Array  # its length in the metric
-    promised: Array  # what |e| should fall by
-    fit: Array  # whether J has full rank and the promise is one
-
-
-class _Metrics:
-    """The goals' `Coordinates`, kept once where all are measured alike, as by a mechanism with a length of its own."""
-
-    def __init__(self, solver: Continuation, problems: Sequence[PlanningProblem]) -> None:
-        inputs = np.stack([problem.scales.inputs for problem in problems])
-        self._alike = bool((inputs == inputs[0]).all())
-        basis, horizon = problems[0].basis, problems[0].horizon.fixed
-        kept = inputs[:1] if self._alike else inputs
-        self._found = [Coordinates.natural(solver.metric, basis, each, horizon) for each in kept]
-
-    def jacobian(self, places: Array, by_coefficients: Array) -> Array:
-        """J over z."""
-        if self._alike:
-            return self._found[0].jacobian(by_coefficients)
-        pairs = zip(places, by_coefficients, strict=True)
-        return np.reshape([self._found[i].jacobian(each) for i, each in pairs], by_coefficients.shape)
-
-    def coefficients(self, places: Array, z: Array) -> Array:
-        if self._alike:
-            return self._found[0].coefficients(z.T).T
-        pairs = zip(places, z, strict=True)
-        return np.reshape([self._found[i].coefficients(each) for i, each in pairs], z.shape)
-
-    def length(self, places: Array, coefficients: Array) -> Array:
-        if self._alike:
-            return _length(self._found[0].of(coefficients.T).T)
-        pairs = zip(places, coefficients, strict=True)
-        return np.array([self._found[i].length(each) for i, each in pairs])
+    def _parts(self) -> list[Array]:
+        return [getattr(self, part.name) for part in fields(self)]
 
 
 class _Lockstep:
@@ -172,108 +184,74 @@ class _Lockstep:
         problem = problems[0]
         self.solver, self.rule, self.inverse = method
         self.problem, self.count, self.interruption = problem, len(problems), interruption
-        horizon = problem.horizon.fixed
-        integrator = resolving(self.solver.integrator, problem.basis)
-        self.flow = flow_through(problem.system, problem.basis, horizon, integrator, ())
-        self.coordinates = _Metrics(method.solver, problems)
+        self.integrator = resolving(self.solver.integrator, problem.basis)
+        self.flow = flow_through(problem.system, problem.basis, problem.horizon.fixed, self.integrator, ())
+        self.coordinates = _Coordinates.of_problems(method.solver, problems)
         self.tasks = AlikeTasks([problem.tasks[0] for problem in problems])
         self.numeric = numeric_system(problem.system)
 
-    def found(self, limit: int) -> dict[int, Reached]:
-        """What was reached with no more than 1 + ``limit`` evaluations, by the goals' places. Errors: Ctrl-C's."""
-        reached: dict[int, Reached] = {}
-        here = self._begun()
+    def plans(self, budget: Budget) -> dict[int, Reached]:
+        """What was reached within a budget of evaluations a goal, by the goals' places. Errors: Ctrl-C's."""
+        plans: dict[int, Reached] = {}
+        budget.take()
+        here = self._evaluated(np.arange(self.count), np.ravel(self.problem.initial)[None])
         first, updates = here.error.copy(), np.zeros(self.count, dtype=int)
-        radius = self.rule.first_radius * (1.0 + self.coordinates.length(here.place, here.coefficients))
-        smallest = SMALLEST * radius
-        for evaluations in range(1, limit + 2):
-            arrived = here.error < self.solver.tolerance
-            for at in np.flatnonzero(arrived & here.useful):
-                place = int(here.place[at])
-                coefficients = here.coefficients[at].reshape(*np.shape(self.problem.initial))
-                reached[place] = Reached(
-                    coefficients, float(here.error[at]), int(updates[place]), evaluations
-                )
-            lost = here.error > DIVERGED_ABOVE * (1.0 + first[here.place])
-            here = here.of(here.useful & ~arrived & ~lost & (radius > smallest)[here.place])
-            steps = self._steps(here, radius[here.place])
-            here, steps = here.of(steps.fit), _Steps(*(part[steps.fit] for part in steps))
-            if not len(here.place) or evaluations > limit:
-                break
+        region = self.rule.region(lengths(self.coordinates.of(here.coefficients)))
+        while True:
+            arrived = below_tolerance(here.error, self.solver.tolerance)
+            self._keep(plans, here.of(arrived & here.usable), updates, budget)
+            going = here.usable & ~arrived & ~lost(here.error, first[here.goal]) & region.open
+            here, region = here.of(going), region.of(going)
+            direction = self._direction(here)
+            step = region.step(direction, here.residual, here.merit)
+            fit = step.worthwhile & ~direction.blocked
+            here, region, step = here.of(fit), region.of(fit), step.of(fit)
+            if not len(here.goal) or not budget.take():
+                return plans
             self.interruption.check()
-            trial = self._evaluated(here.place, here.coefficients + steps.step)
-            kept = np.where(trial.useful, (here.merit - trial.merit) / steps.promised, -np.inf)
-            radius[here.place] = next_radius(radius[here.place], steps.size, kept)
-            updates[here.place] += kept > KEPT
-            here = here.moved(kept > KEPT, trial)
-        return reached
+            trial = self._evaluated(here.goal, here.coefficients + step.change)
+            gain = gain_ratio(trial, step)
+            region = region.after(step, gain)
+            updates[here.goal] += gain > LEAST_GAIN
+            here = here.moved(gain > LEAST_GAIN, trial)
 
-    def confirmed(self, reached: dict[int, Reached]) -> dict[int, Reached]:
-        """Those whose controls a simulation with finer steps leads to their goals, as `claims.missed` has it."""
-        problem, solver = self.problem, self.solver
-        if not reached:
-            return reached
-        flow = flow_through(
-            problem.system,
-            problem.basis,
-            problem.horizon.fixed,
-            finer(resolving(solver.integrator, problem.basis)),
-            (),
+    def _keep(self, plans: dict[int, Reached], arrived: Evaluations, updates: Array, budget: Budget) -> None:
+        for goal, coefficients, error in zip(arrived.goal, arrived.coefficients, arrived.error, strict=True):
+            shaped = coefficients.reshape(np.shape(self.problem.initial))
+            plans[int(goal)] = Reached(shaped, float(error), int(updates[goal]), budget.taken)
+
+    def confirmed(self, plans: dict[int, Reached]) -> dict[int, Reached]:
+        """Those whose controls a simulation with finer steps leads to their goals."""
+        if not plans:
+            return plans
+        coefficients = np.stack([plan.coefficients for plan in plans.values()])
+        misses = missed_by_each(
+            self.problem, self.tasks, np.array(list(plans)), coefficients, self.integrator
         )
-        coefficients = np.stack([plan.coefficients for plan in reached.values()])
-        ends = flow.ends(problem.start_point, coefficients, differentiated=False)
-        errors, single = self._errors(np.array(list(reached)), ends.states)
-        held = zip(reached.items(), single & (errors <= solver.tolerance), strict=True)
-        return {place: plan for (place, plan), holds in held if holds}
+        held = zip(plans.items(), misses <= self.solver.tolerance, strict=True)
+        return {goal: plan for (goal, plan), holds in held if holds}
 
-    def _errors(self, places: Array, ends: Array) -> tuple[Array, Array]:
-        """E of these goals, and which have one."""
-        difference, single = self.tasks.differences(places, ends)
-        return _length(self.tasks.first.weights * difference), single
+    def _direction(self, here: Evaluations) -> Direction:
+        return self.inverse(here.jacobian, here.residual, self.coordinates.at(here.goal))
 
-    def _begun(self) -> _Here:
-        """All goals at the start that they share."""
-        return self._evaluated(np.arange(self.count), np.ravel(self.problem.initial)[None])
-
-    def _evaluated(self, places: Array, coefficients: Array) -> _Here:
+    def _evaluated(self, goals: Array, coefficients: Array) -> Evaluations:
         """Where controls lead, one for each of these goals or one for all."""
         task, shape = self.tasks.first, np.shape(self.problem.initial)
-        found = self.flow.ends(self.problem.start_point, coefficients.reshape(-1, *shape))
-        useful = np.isfinite(found.states).all(axis=1) & np.isfinite(found.derivatives).all(axis=(1, 2))
-        for values in self.numeric.breaking(np.concatenate(found.watched)).values():
-            along = values.reshape(len(coefficients), -1)
-            useful &= (along > 0).all(axis=1) | (along < 0).all(axis=1)
-        parts = (coefficients, found.states, found.derivatives[:, task.rows], useful)
-        coefficients, ends, jacobian, useful = (
-            np.broadcast_to(part, (len(places), *part.shape[1:])) for part in parts
+        ends = self.flow.ends(self.problem.start_point, coefficients.reshape(-1, *shape))
+        usable = np.isfinite(ends.states).all(axis=1) & np.isfinite(ends.derivatives).all(axis=(1, 2))
+        for along in self.numeric.breaking(np.concatenate(ends.watched)).values():
+            usable &= keeps_sign(along.reshape(len(coefficients), -1))
+        parts = (coefficients, ends.states, ends.derivatives[:, task.rows], usable)
+        coefficients, states, jacobian, usable = (
+            np.broadcast_to(part, (len(goals), *part.shape[1:])) for part in parts
         )
-        difference, single = self.tasks.differences(places, ends)
-        scales = self.tasks.scales[places]
-        return _Here(
-            places,
+        difference, single = self.tasks.differences(goals, states)
+        scales = self.tasks.scales[goals]
+        return Evaluations(
+            goals,
             coefficients,
-            _length(task.weights * difference),
+            np.asarray(lengths(task.weights * difference)),
             scales * difference,
             scales[:, :, None] * jacobian,
-            useful & single,
+            usable & single,
         )
-
-    def _steps(self, here: _Here, radius: Array) -> _Steps:
-        jacobian = self.coordinates.jacobian(here.place, here.jacobian)
-        left, values, right = np.linalg.svd(jacobian, full_matrices=False)
-        inner = within_radius(values, _times(left.swapaxes(1, 2), here.vector), radius)
-        step = self.coordinates.coefficients(here.place, -_times(right.swapaxes(1, 2), inner))
-        promised = here.merit - _length(here.vector - _times(left, values * inner))
-        least = max(self.inverse.rank_tolerance, NEGLIGIBLE) * values[:, :1]
-        full = (values > least).sum(axis=1) == here.vector.shape[1]
-        size = self.coordinates.length(here.place, step)
-        return _Steps(step, size, promised, full & (promised > PROMISED * here.merit))
-
-
-def _times(matrices: Array, vectors: Array) -> Array:
-    """A matrix times a vector for each goal."""
-    return np.asarray((matrices @ vectors[..., None])[..., 0])
-
-
-def _length(vectors: Array) -> Array:
-    return np.asarray(np.sqrt((vectors * vectors).sum(axis=-1)))

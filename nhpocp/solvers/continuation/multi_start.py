@@ -10,11 +10,12 @@ from dataclasses import dataclass, field, replace
 from time import perf_counter
 from typing import Any, ClassVar
 
-from nhpocp.interruption import Interruption
+from nhpocp.interruption import STOPPED, Interruption
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Outcome, Progress, Solution, telling
 from nhpocp.solvers.continuation.confirmation import confirmed
-from nhpocp.solvers.continuation.continuation import Continuation, Found, solution
+from nhpocp.solvers.continuation.continuation import Continuation
+from nhpocp.solvers.continuation.continuation_result import ContinuationResult
 from nhpocp.solvers.workers import (
     NotSentError,
     awaited,
@@ -53,30 +54,30 @@ class MultiStart:
 
     def solve(self, problem: PlanningProblem, progress: Progress | None = None) -> Solution:
         with Interruption() as interruption:
-            return solution(self, problem, self._found(problem, progress, interruption))
+            return self._best(problem, progress, interruption).solution(self, problem)
 
-    def _found(
+    def _best(
         self, problem: PlanningProblem, progress: Progress | None, interruption: Interruption
-    ) -> Found:
+    ) -> ContinuationResult:
         began = perf_counter()
         first = telling(progress, way=f"start 1 of {self.starts}" if self.starts > 1 else None)
-        found = [confirmed(self.continuation, problem, first)]
+        ended = [confirmed(self.continuation, problem, first)]
         stopped = False
-        if found[0].outcome is not Outcome.CONVERGED:
+        if ended[0].outcome is not Outcome.CONVERGED:
             try:
                 interruption.check()
                 with closing(self._others(problem, interruption)) as others:
                     for other in others:
-                        found.append(other)
+                        ended.append(other)
                         if progress:  # they run elsewhere, and are heard of when they have ended
-                            way = f"start {len(found)} of {self.starts}: {other.outcome.value}"
+                            way = f"start {len(ended)} of {self.starts}: {other.outcome.value}"
                             progress({"k": len(other.records), "error": other.error, "way": way})
                         if other.outcome is Outcome.CONVERGED:
                             break
                         interruption.check()
             except KeyboardInterrupt:
                 stopped = True
-        best = found[-1] if found[-1].outcome is Outcome.CONVERGED else min(found, key=lambda one: one.rank)
+        best = ended[-1] if ended[-1].outcome is Outcome.CONVERGED else min(ended, key=lambda one: one.rank)
         tried = [
             {
                 "way": f"start {i}",
@@ -84,24 +85,26 @@ class MultiStart:
                 "error": one.error,
                 "evaluations": len(one.records),
             }
-            for i, one in enumerate(found, 1)
+            for i, one in enumerate(ended, 1)
         ]
-        records = [record | {"attempt": i} for i, one in enumerate(found) for record in one.records]
-        message = f"{best.message}; start {found.index(best) + 1} of {self.starts}"
+        records = [record | {"attempt": i} for i, one in enumerate(ended) for record in one.records]
+        message = f"{best.message}; start {ended.index(best) + 1} of {self.starts}"
         outcome = Outcome.INTERRUPTED if stopped else best.outcome
         if outcome is not best.outcome:
-            message = f"Stopped by hand; best so far: {message}"
+            message = f"{STOPPED}; best so far: {message}"
         return replace(
             best,
             outcome=outcome,
             message=message,
             records=records,
             details={**best.details, "tried": tried},
-            build_seconds=found[0].build_seconds,
-            solve_seconds=perf_counter() - began - found[0].build_seconds,
+            build_seconds=ended[0].build_seconds,
+            solve_seconds=perf_counter() - began - ended[0].build_seconds,
         )
 
-    def _others(self, problem: PlanningProblem, interruption: Interruption) -> Generator[Found, None, None]:
+    def _others(
+        self, problem: PlanningProblem, interruption: Interruption
+    ) -> Generator[ContinuationResult, None, None]:
         """Starts 2, 3, … in order; those not yet begun are given up when no more are asked for."""
         base, seeded = self.continuation, replace(problem, initial=None, source=None, solvers={})
         seeds = range(base.seed + 1, base.seed + self.starts)
@@ -120,6 +123,6 @@ class MultiStart:
                 yield confirmed(replace(base, seed=seed), seeded)
 
 
-def _started(payload: bytes, seed: int) -> Found:
+def _started(payload: bytes, seed: int) -> ContinuationResult:
     base, problem = unpacked(payload)
     return confirmed(replace(base, seed=seed), problem)

@@ -1,36 +1,37 @@
-"""How far to go along the full step of the continuation, (16): Euler's fixed share, a trust region, an ODE in θ."""
+"""How far to go along the full step of the continuation, (16): Euler's fixed fraction, a trust region, an ODE in θ."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from math import inf, log, log1p
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar
 
 import numpy as np
 
-from nhpocp.arrays import Array, norm
+from nhpocp.arrays import Array
+from nhpocp.solvers.continuation.ending import NO_EVALUATION_LEFT
 from nhpocp.solvers.continuation.evaluation import Evaluation
+from nhpocp.solvers.continuation.trust_region import LEAST_GAIN, Number, TrustRegion, gain_ratio
 
-KEPT = 0.05  # share of the promised reduction that a trial must keep to be accepted
-PROMISED = 1e-9  # share of |e| that a step must promise to remove
-SMALLEST = 1e-7  # of the first radius: no shorter steps are tried
-Evaluate = Callable[[Array, float], Evaluation]  # (coefficients, γ that led there) ↦ the evaluation, recorded
+# (coefficients, γ that led there) ↦ the evaluation, recorded; a failed one where no evaluation is left
+Evaluate = Callable[[Array, float], Evaluation]
 
 
-class StepRule(Protocol):
+class StepRule(ABC):
     """The updates of one continuation."""
 
     kind: ClassVar[str]
     evaluations: ClassVar[int] = 1  # that an update takes; trials that are refused count besides
 
+    @abstractmethod
     def updates(self, here: Evaluation, evaluate: Evaluate) -> Iterator[Evaluation]:
         """Yields every control that becomes the current one; may evaluate others between. Ends if it is at a loss."""
-        ...
 
+    @abstractmethod
     def settings(self) -> dict[str, Any]:
         """The rule's own settings under the problem file's names."""
-        ...
 
     def updates_left(self, error: float, tolerance: float) -> float | None:
         """How many updates the theory foretells until the error is below the tolerance; None where it is silent."""
@@ -60,7 +61,7 @@ class Euler(StepRule):
         return {"gamma": self.gamma}
 
     def updates_left(self, error: float, tolerance: float) -> float | None:
-        """To first order an update leaves the share 1 - γ of e, as (9) with dθ = 1; nothing is foretold near γ = 1."""
+        """To first order an update leaves 1 - γ of e, as (9) with dθ = 1; nothing is foretold near γ = 1."""
         if not 0.0 < self.gamma < 0.9 or not tolerance < error < inf:
             return None
         return log(tolerance / error) / log1p(-self.gamma)
@@ -70,44 +71,39 @@ class Euler(StepRule):
 class Adaptive(StepRule):
     """Steps inside a trust region |ΔΛ| ≤ Δ. [Nocedal, Wright, Numerical Optimization, ch. 4 and 10]
 
-    Of all steps so short the one is taken that reduces the linear model |e + J δλ| most (`Direction.within`); the share
-    of that promise which is kept widens or narrows Δ. A trial whose path is not finite, or jumps across a surface that
-    the equations cannot cross, is refused like one that promises too much. Near the solution the step is (16)'s with
-    γ = 1, Newton's method; γ of the records is the share of the error that the model promises to remove.
+    Of all steps so short the one is taken that reduces the linear model |e + J δλ| most (`Direction.within`); the gain
+    ratio, actual over predicted reduction, widens or narrows Δ. A trial whose path is not finite, or jumps across a
+    surface that the equations cannot cross, is refused like one that gains too little. Near the solution the step is
+    (16)'s with γ = 1, Newton's method; γ of the records is the fraction of the error that is predicted to go.
     ``first_radius`` is in units of 1 + |Λ₀|; lengths are those of the metric, in which a natural control has 1.
     """
 
     first_radius: float = 0.5
     kind: ClassVar[str] = "adaptive"
 
+    def region(self, length: Number) -> TrustRegion:
+        """Around a first control of this length."""
+        return TrustRegion.first(self.first_radius * (1.0 + length))
+
     def updates(self, here: Evaluation, evaluate: Evaluate) -> Iterator[Evaluation]:
         if here.direction is None:
             return
-        radius = self.first_radius * (1.0 + here.direction.length(here.coefficients.ravel()))
-        smallest = SMALLEST * radius
-        while radius > smallest and here.direction is not None and here.vector is not None:
-            step, image = here.direction.within(radius)
-            promised = here.merit - float(norm(here.vector + image))
-            if not promised > PROMISED * here.merit:
+        region = self.region(here.direction.length(here.coefficients.ravel()))
+        while region.open and here.direction is not None and here.residual is not None:
+            step = region.step(here.direction, here.residual, here.merit)
+            if not step.worthwhile:
                 return
-            size = here.direction.length(step)
-            trial = evaluate(here.coefficients + step.reshape(here.coefficients.shape), promised / here.merit)
-            useless = trial.failure or trial.crossing
-            kept = -inf if useless else (here.merit - trial.merit) / promised
-            radius = float(next_radius(radius, size, kept))
-            if kept > KEPT:
+            trial = evaluate(here.coefficients + step.change.reshape(here.coefficients.shape), step.fraction)
+            if trial.failure == NO_EVALUATION_LEFT:
+                return
+            gain = gain_ratio(trial, step)
+            region = region.after(step, gain)
+            if gain > LEAST_GAIN:
                 here = trial
                 yield here
 
     def settings(self) -> dict[str, Any]:
         return {}
-
-
-def next_radius(radius: Array | float, size: Array | float, kept: Array | float) -> Array:
-    """The trust region's, after a step of a size that kept a share of its promise, -inf for none; numbers or arrays."""
-    shorter = np.where(np.greater(kept, 0.0), 0.5, 0.25) * np.minimum(radius, size)
-    longer = np.where(np.greater(kept, 0.75), np.maximum(radius, np.multiply(2.5, size)), radius)
-    return np.where(np.less(kept, 0.25), shorter, longer)
 
 
 @dataclass(frozen=True)

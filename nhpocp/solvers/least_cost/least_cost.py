@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -12,11 +11,13 @@ from nhpocp.arrays import Array
 from nhpocp.flow.cost_map import cost_map
 from nhpocp.flow.integrators import Integrator
 from nhpocp.flow.simulation import simulate
+from nhpocp.objectives.registry import OBJECTIVES
 from nhpocp.problem import PlanningProblem
 from nhpocp.provenance import afford
 from nhpocp.solution import Outcome
+from nhpocp.solvers.budget import Budget
 from nhpocp.solvers.least_cost.curvature import MOST
-from nhpocp.solvers.least_cost.null_space import Cost, LimitReached, NoSurfaceError, NullSpaceResult, minimise
+from nhpocp.solvers.least_cost.null_space import Cost, NoSurfaceError, NullSpaceResult, minimise
 from nhpocp.solvers.least_cost.path_rows import FINE_STEPS, FORGIVEN, INSIDE, PathRows, worst
 from nhpocp.solvers.least_cost.slsqp import BoundedProblem, Point, Round, rounds
 from nhpocp.solvers.metrics import Coordinates, WeightedMetric
@@ -37,7 +38,15 @@ class Residual:
     path: Array
 
 
-Try = Callable[[Array], Residual | None]  # Λ ↦ where it leads; None where no path of use leads
+class ResidualEvaluator(Protocol):
+    """Where controls lead, as long as the budget lasts."""
+
+    times: Array  # the grid of the paths
+    budget: Budget
+
+    def __call__(self, coefficients: Array) -> Residual | None:
+        """What Λ (inputs × size) makes of the goal; None where no path of use leads, or the budget is spent."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -45,6 +54,7 @@ class LeastCostResult:
     """The control that the search ends with, and what is to be said of it."""
 
     coefficients: Array
+    moved: bool  # away from the control that the search began with
     outcome: Outcome
     sentence: str
     details: dict[str, Any]
@@ -73,17 +83,15 @@ class _Candidate:
 class LeastCost:
     """The search from one control that reaches the goal.
 
-    ``objective``: one of `INTEGRANDS`, or none; then the nearest control (in L²) that keeps every bound is looked for.
-    ``times``: the grid of the paths that ``attempt`` hands back.
+    ``objective``: a name of `OBJECTIVES`, or none; then the nearest control (in L²) within every bound is looked for.
     """
 
     problem: PlanningProblem
     horizon: float
     integrator: Integrator
-    times: Array
     objective: str
     tolerance: float  # of the goal
-    attempt: Try
+    evaluator: ResidualEvaluator
     reached: Array  # coefficients, inputs × size
 
     def __post_init__(self) -> None:
@@ -94,17 +102,17 @@ class LeastCost:
             afford(SEEN * size * min(size, MOST), search)
         if problem.bounds:
             afford(DENSE * size**2, search)
-            rows = len(self.times) + FINE_STEPS
+            rows = len(self.evaluator.times) + FINE_STEPS
             afford(DENSE * rows * size, f"the bounds at {rows} times by {size} coefficients")
         basis, scales = problem.basis, problem.scales
         # in which the effort is |y|² in units of its scale, and each input counts by its own size where these differ
         metric = WeightedMetric(1.0 / scales.inputs**2)
         self._coordinates = Coordinates.natural(metric, basis, scales.inputs, horizon)
-        self._path_rows = PathRows(problem, basis, horizon, self.times) if problem.bounds else None
+        self._path_rows = PathRows(problem, basis, horizon, self.evaluator.times) if problem.bounds else None
         self._goal = min(1e-7, 1e-3 * self.tolerance)
         self._aimless = self.objective == "none"
         name = "effort" if self._aimless else self.objective
-        self._scale = scales.objective(name)
+        self._scale = OBJECTIVES[name].scale(scales)
         self._map = cost_map(name, problem, basis, horizon, self.integrator)
         self._history: list[dict[str, Any]] = []
         self._rounds: list[dict[str, Any]] = []
@@ -116,12 +124,12 @@ class LeastCost:
         end = ""
         try:
             self._search()
-        except LimitReached:
-            end = "max_iterations ended the search"
         except NoSurfaceError:
             end = "the null space could not be searched: Newton's method from there does not come nearer to the goal"
         except np.linalg.LinAlgError as error:
             end = f"the null space could not be searched: {error}"
+        if self.evaluator.budget.refused:
+            end = "max_iterations ended the search"
         return self._result(end)
 
     def _search(self) -> None:
@@ -134,7 +142,8 @@ class LeastCost:
         if self._aimless and (self._first.held or self._bounded(self._distance, y, 2.0 * np.eye(len(y)))):
             return
         curvature = self._curvature(y)
-        free = minimise(self._surface, self._cost, y, curvature=curvature, goal=self._goal)
+        budget = self.evaluator.budget
+        free = minimise(self._surface, self._cost, y, curvature=curvature, goal=self._goal, budget=budget)
         self._history = [record | {"cost": self._scale * record["cost"]} for record in free.history]
         candidate = _Candidate(free.y, free.cost, self._violation(free.y), free)
         self._best = self._best.better(candidate)
@@ -154,7 +163,7 @@ class LeastCost:
 
         violation = np.inf
         bounded = BoundedProblem(evaluate, self._row_slopes, self._between)
-        for ended in rounds(bounded, y, hessian, slack=INSIDE + HELD):
+        for ended in rounds(bounded, y, hessian, slack=INSIDE + HELD, budget=self.evaluator.budget):
             violation = max(0.0, -ended.least - INSIDE)
             self._rounds.append(
                 {
@@ -178,7 +187,7 @@ class LeastCost:
 
     def _attempt(self, y: Array) -> Residual | None:
         """Where y leads, with ∂e/∂y."""
-        tried = self.attempt(self._coefficients(y))
+        tried = self.evaluator(self._coefficients(y))
         return tried and replace(tried, jacobian=self._coordinates.jacobian(tried.jacobian))
 
     def _surface(self, y: Array) -> tuple[Array, Array] | None:
@@ -232,7 +241,7 @@ class LeastCost:
             control = self.problem.control(coefficients, self.horizon)
             cost = simulate(self.problem, control).costs[self.objective]  # not what is smooth in its place
             details["objective_value"] = cost
-            nothing = cost <= NOTHING * self.problem.scales.objective(self.objective)  # and none costs less
+            nothing = cost <= NOTHING * self._scale  # and none costs less
             words = "at" if nothing or (ended and ended.converged and not end) else "not at"
             parts.append(f"{self.objective} {cost:.6g} {words} a stationary point")
         if ended:
@@ -248,4 +257,5 @@ class LeastCost:
                     f"no control near it over this basis was found that keeps every bound: {report.describe()}; "
                     "more harmonics may find one"
                 )
-        return LeastCostResult(coefficients, outcome, "; ".join([*parts, end] if end else parts), details)
+        sentence = "; ".join([*parts, end] if end else parts)
+        return LeastCostResult(coefficients, ended is not None, outcome, sentence, details)

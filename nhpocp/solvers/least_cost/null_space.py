@@ -17,7 +17,6 @@ one. SciPy's trust-constr took 50 to 600 where this took 12 to 27. Through the v
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from typing import Any, NamedTuple
@@ -25,6 +24,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from nhpocp.arrays import Array, norm
+from nhpocp.solvers.budget import Budget
 from nhpocp.solvers.least_cost.curvature import Curvature
 
 Surface = Callable[[Array], tuple[Array, Array] | None]  # y ↦ (e, J), None where the path cannot be used
@@ -54,10 +54,6 @@ class NullSpaceResult:
     hessian: Curvature = field(repr=False)  # of the Lagrangian, as far as the steps told
 
 
-class LimitReached(Exception):
-    """More evaluations were asked for than allowed."""
-
-
 class NoSurfaceError(ValueError):
     """No usable control that reaches the goal near the one that the search was to begin with."""
 
@@ -71,6 +67,7 @@ def minimise(
     tolerance: float = 1e-8,
     goal: float = 1e-9,
     most: int = 400,
+    budget: Budget | None = None,
 ) -> NullSpaceResult:
     r"""min f(y) subject to e(y) = 0 from a point near e = 0, along the surface e = 0.
 
@@ -80,39 +77,42 @@ def minimise(
     [Nocedal, Wright, ch. 15 and 18]
     The model begins with ``curvature`` I: where y are coordinates in which the effort is |y|², 2 I is exact for it.
     ``tolerance`` is on the projected gradient relative to |∇f|, ``goal`` on |e|.
+    Where the ``budget`` refuses ``surface`` another evaluation, the search ends with what it has.
     Errors: `NoSurfaceError`.
     """
+    budget = budget or Budget()
     search = _Search(surface, cost, y, goal)
     point = search.best
     first = model = Curvature.first(curvature, len(y))
     history: list[dict[str, Any]] = []
-    fresh, stationary, converged, idle = True, False, False, 0
-    with suppress(LimitReached):  # what was reached so far is kept
-        for k in range(most):
-            history.append({"k": k, "cost": point.f, "optimality": float(norm(point.residual))})
-            step = point.step(model)
-            slope = max(1.0, float(norm(point.slope)))
-            small = history[-1]["optimality"] < tolerance * slope
-            stationary = bool(small or step.predicted <= NOTHING * abs(point.f))
-            if stationary:
+    fresh, stationary, idle = True, False, 0
+    for k in range(most):
+        history.append({"k": k, "cost": point.f, "optimality": float(norm(point.residual))})
+        step = point.step(model)
+        slope = max(1.0, float(norm(point.slope)))
+        small = history[-1]["optimality"] < tolerance * slope
+        stationary = bool(small or step.predicted <= NOTHING * abs(point.f))
+        if stationary:
+            break
+        there = search.along(point, step)
+        back = None if there else search.back(point)
+        if budget.refused:
+            break
+        if there is None:
+            if back is None and fresh:
                 break
-            there = search.along(point, step)
-            if there is None:
-                back = search.back(point)
-                if back is None and fresh:
-                    break
-                if back is None:  # the model was at fault: begin again from its exact part
-                    model, fresh = first, True
-                point = back or point
-                continue
-            change = there.lagrangian_slope(there.mu) - point.lagrangian_slope(there.mu)
-            model, fresh = model.updated(there.y - point.y, change), False
-            idle = idle + 1 if search.reduction(point, there) < NOISE * abs(point.f) else 0
-            point = there
-            if idle == PATIENCE:  # held by the controls that may not be used
-                break
-        search.settle(point)
-        converged = stationary
+            if back is None:  # the model was at fault: begin again from its exact part
+                model, fresh = first, True
+            point = back or point
+            continue
+        change = there.lagrangian_slope(there.mu) - point.lagrangian_slope(there.mu)
+        model, fresh = model.updated(there.y - point.y, change), False
+        idle = idle + 1 if search.reduction(point, there) < NOISE * abs(point.f) else 0
+        point = there
+        if idle == PATIENCE:  # held by the controls that may not be used
+            break
+    search.settle(point)
+    converged = stationary and not budget.refused
     best = search.best
     sizes = float(norm(best.residual)), float(norm(best.e))
     return NullSpaceResult(best.y, best.f, *sizes, converged, history, model)

@@ -15,21 +15,22 @@ import numpy as np
 
 from nhpocp.arrays import Array
 from nhpocp.calls import call, mapped
-from nhpocp.constraints import Bound, BoundReport, check_bounds
+from nhpocp.constraints.bound import Bound, BoundReport, check_bounds
 from nhpocp.controls.basis import ControlBasis
 from nhpocp.controls.control import Control
 from nhpocp.flow.dynamics import Dynamics
 from nhpocp.flow.integrators import RungeKutta4, uniform_grid
+from nhpocp.flow.step_error import FINER
 from nhpocp.kept import kept
-from nhpocp.objectives import quantity
+from nhpocp.objectives.quantity import quantity
 from nhpocp.problem import PlanningProblem
 from nhpocp.systems.numeric import numeric_system
 from nhpocp.systems.system import System
 
 INSIDE = 1e-5  # of a limit: how far inside it a path is asked to stay
 FORGIVEN = 5e-4  # of a limit, half of what verification forgives: the play of a box with lo = hi
-FINE_STEPS = 2000  # at least, of the simulation that looks between the samples
-FINER = 4  # times the samples of the solver's own path, at least
+# at least, and `FINER` times the solver's own, of the simulation that looks between the samples
+FINE_STEPS = 2000
 
 
 class PathRows:

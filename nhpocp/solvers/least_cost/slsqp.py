@@ -29,6 +29,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from nhpocp.arrays import Array, norm
+from nhpocp.solvers.budget import Budget
 from nhpocp.solvers.least_cost.null_space import NoSurfaceError
 
 ROUNDS = 8
@@ -73,16 +74,21 @@ class Round:
     converged: bool
 
 
-def rounds(problem: BoundedProblem, y: Array, hessian: Array, *, slack: float) -> Iterator[Round]:
+def rounds(
+    problem: BoundedProblem, y: Array, hessian: Array, *, slack: float, budget: Budget
+) -> Iterator[Round]:
     """One control after another, each nearer to the least cost with every g ≥ -slack; ends when that is reached.
 
-    ``hessian``: of the Lagrangian about y, positive definite.
+    ``hessian``: of the Lagrangian about y, positive definite. ``budget``: that of ``evaluate``.
     Errors: `NoSurfaceError`.
     """
-    programme = _Programme(problem, y, hessian)
+    programme = _Programme(problem, y, hessian, budget)
     z, more = np.zeros(len(y)), np.zeros(len(programme.shift))
     for _ in range(ROUNDS):
-        z, violation, steps, converged = programme.solve(z)
+        try:
+            z, violation, steps, converged = programme.solve(z)
+        except _BudgetSpentError:
+            return
         here, y = programme.at(z), programme.y(z)
         if here is None:
             return
@@ -102,14 +108,18 @@ def rounds(problem: BoundedProblem, y: Array, hessian: Array, *, slack: float) -
             programme.weight = min(10.0 * programme.weight, MOST_WEIGHT)
 
 
+class _BudgetSpentError(Exception):
+    """The way out of SciPy's loop."""
+
+
 class _Programme:
     """What SLSQP asks for function by function, of one evaluation at each z."""
 
-    def __init__(self, problem: BoundedProblem, origin: Array, hessian: Array) -> None:
+    def __init__(self, problem: BoundedProblem, origin: Array, hessian: Array, budget: Budget) -> None:
         first = problem.evaluate(origin)
         if first is None:
             raise NoSurfaceError("the search must start with a usable control")
-        self.problem, self.origin, self.first = problem, origin, first
+        self.problem, self.origin, self.first, self.budget = problem, origin, first, budget
         self.scale = abs(first.cost) or float(origin @ origin) or 1.0
         self.unit = np.linalg.inv(np.linalg.cholesky(hessian / self.scale)).T
         self.shift: Array = np.zeros(len(first.rows))
@@ -125,6 +135,8 @@ class _Programme:
         if not np.array_equal(z, self._z):
             self._here, self._slopes = self.problem.evaluate(self.y(z)), None
             self._z = np.array(z)
+            if self.budget.refused:
+                raise _BudgetSpentError
         return self._here
 
     def usable(self, z: Array) -> Point:

@@ -15,7 +15,8 @@ from nhpocp.controls.projection import project
 from nhpocp.errors import InvalidProblemError, OrientationAtPiError, TooLargeError
 from nhpocp.flow.dynamics import Dynamics
 from nhpocp.flow.end_point_map import DifferentiatedEndPointMap
-from nhpocp.flow.integrators import RungeKutta4, resolving
+from nhpocp.flow.integrators import RungeKutta4
+from nhpocp.flow.step_error import resolving
 from nhpocp.problem import Horizon, PlanningProblem
 from nhpocp.provenance import afford
 from nhpocp.solution import Outcome, Solution, Solver
@@ -60,7 +61,7 @@ def make_guess(
     Errors: `NoGuessError` where there is none, or its simulation is not finite.
     """
     _check_memory(problem, basis, intervals)
-    horizon, origin = starting_horizon(problem), None
+    horizon, origin = problem.horizon.first, None
     if isinstance(maker, SolverGuess):
         origin = maker.solution(problem, horizon)
         control = origin.control
@@ -95,17 +96,6 @@ def _check_memory(problem: PlanningProblem, basis: ControlBasis | None, interval
             Outcome.SOLVER_ERROR,
             "solvers.nlp",
         ) from error
-
-
-def starting_horizon(problem: PlanningProblem) -> float:
-    """T to begin with: the problem's own, or the middle of a free one's range."""
-    horizon = problem.horizon
-    if horizon.initial is not None:
-        return horizon.initial
-    low, high = horizon.minimum, horizon.maximum
-    if low is not None and high is not None:
-        return 0.5 * (low + high)
-    return low if low is not None else high if high is not None else 1.0
 
 
 def follow(

@@ -11,11 +11,13 @@ import numpy as np
 
 from nhpocp.arrays import Array
 from nhpocp.calls import call, mapped
-from nhpocp.constraints import Bound, bound_rows
+from nhpocp.constraints.bound import Bound, bound_rows
 from nhpocp.controls.basis import ControlBasis
+from nhpocp.controls.piecewise_constant import PiecewiseConstant
 from nhpocp.flow.shot import Shot, part
 from nhpocp.kept import kept
-from nhpocp.objectives import SOFTENINGS, searched
+from nhpocp.objectives.objective import ControlObjective, PathObjective
+from nhpocp.objectives.registry import OBJECTIVES
 from nhpocp.problem import Horizon, PlanningProblem
 from nhpocp.solvers.nlp.task_rows import TaskRows, basis_table, stage_times
 from nhpocp.state_space import StateSpace
@@ -26,7 +28,7 @@ from nhpocp.task import Task
 # instructions of all intervals that are kept, whatever their system: a thousand take 3.5 MB; and as
 # how many an interval counts besides, for what it keeps of its system
 MOST, BESIDES = 56_000, 8_000
-# what counts as 1, and the length that softens `path_length`; one for every bound follows
+# what counts as 1, and the cost by which the objective is softened; one for every bound follows
 UNITS = ("length", "number", "time", "cost", "soft")
 STEADY = 1e-4  # of a path's length: what keeps a horizon in which that is the same near its first value
 
@@ -192,26 +194,36 @@ class Interval:
         return self._input_scales(units) * (coefficients @ phi)
 
     def _integrand(self, state: ca.SX, control: ca.SX, rest: ca.SX) -> Any:
-        name = self.kind.objective
-        if name in ("effort", "time"):  # exact without quadrature
+        objective = OBJECTIVES[self.kind.objective]
+        if not isinstance(objective, PathObjective):  # exact without quadrature
             return 0.0
-        return searched(name, self.system, state, control, self.kind.scale, rest)
+        return objective.searched(self.system, state, control, self.kind.scale, rest)
 
     def _cost(self, s: ca.SX, length: Any, quadrature: ca.SX, units: ca.SX) -> Any:
         """q of an interval of that length in time."""
-        if self.kind.objective == "time":
+        objective = OBJECTIVES[self.kind.objective]
+        if isinstance(objective, ControlObjective):
+            return length * self._quadratic(objective, s, units)
+        if not isinstance(objective, PathObjective):
             return length
-        if self.kind.objective == "path_length" and self.free_horizon:
+        if objective.pace == 0 and self.free_horizon:
             ratio = s[self.statics - 1]  # of T to its first value
             return quadrature * (1.0 + STEADY * (ratio + 1.0 / ratio - 2.0))
-        if self.kind.objective != "effort":
-            return quadrature
-        if self.basis is None:
-            return length * ca.sumsqr(self._input_scales(units) * s[self.statics :, :])
-        inputs, size = self.system.input_space.size, self.basis.size
-        coefficients = s[: inputs * size, :] * _each(self._input_scales(units), size)
-        gram = ca.DM(np.kron(np.eye(inputs), np.asarray(self.basis.gram(1.0))))  # ∫₀ᵀ = T ∫₀¹
-        return length * (coefficients.T @ gram @ coefficients)
+        return quadrature
+
+    def _quadratic(self, objective: ControlObjective, s: ca.SX, units: ca.SX) -> Any:
+        """Σ λᵀ M λ / T over the basis, or over the one value of this interval."""
+        inputs, basis = self.system.input_space.size, self.basis or PiecewiseConstant(1)
+        first, size = 0 if self.basis else self.statics, basis.size
+        coefficients = s[first : first + inputs * size, :] * _each(self._input_scales(units), size)
+        # M of T is T^(pace + 2) times that of 1
+        gram = ca.DM(np.kron(np.eye(inputs), np.asarray(objective.gram(basis, 1.0))))
+        value = coefficients.T @ gram @ coefficients
+        if objective.pace == -1:
+            return value
+        free = self.free_horizon
+        horizon = units[UNITS.index("time")] * s[self.statics - 1] if free else self.kind.horizon.fixed
+        return horizon ** (objective.pace + 1) * value
 
     def _path_rows(
         self, state: ca.SX, control: ca.SX, chosen: ca.SX, units: ca.SX
@@ -243,11 +255,15 @@ def _each(scales: ca.SX, size: int) -> ca.SX:
     return ca.vec(ca.repmat(scales.T, size, 1))
 
 
-def units_of(problem: PlanningProblem, bounds: Sequence[Bound], softening: float = SOFTENINGS[-1]) -> Array:
-    """What counts as 1 in a problem, in the order of `UNITS`, then in each of its bounds; minors have no unit."""
-    scales = problem.scales
-    soft = softening * scales.objective("path_length")
-    own = [scales.length, scales.number, scales.time, scales.objective(problem.objective), soft]
+def units_of(problem: PlanningProblem, bounds: Sequence[Bound], softening: float | None = None) -> Array:
+    """What counts as 1 in a problem, in the order of `UNITS`, then in each of its bounds; minors have no unit.
+
+    ``softening``: of the objective's; its last unless given.
+    """
+    scales, objective = problem.scales, OBJECTIVES[problem.objective]
+    cost = objective.scale(scales)
+    soft = cost * (objective.softenings[-1] if softening is None else softening)
+    own = [scales.length, scales.number, scales.time, cost, soft]
     return np.array([*own, *(1.0 if b.margin else b.scale for b in bounds)])
 
 

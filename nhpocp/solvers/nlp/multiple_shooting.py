@@ -9,10 +9,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from nhpocp.constraints import check_bounds
+from nhpocp.constraints.bound import check_bounds
+from nhpocp.controls.piecewise_constant import PiecewiseConstant
 from nhpocp.errors import InvalidProblemError
 from nhpocp.flow.compiled.kernels import CompiledWhenReady, Kernels
 from nhpocp.interruption import Interruption
+from nhpocp.objectives.registry import OBJECTIVES
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Outcome, Progress, Solution, telling
 from nhpocp.solvers.continuation.auto import Auto
@@ -34,7 +36,7 @@ class MultipleShooting:
     """Solver: minimises the problem's objective subject to the dynamics, the goal and every bound.
 
     ``over_basis``: the control over the problem's basis, else piecewise constant on ``intervals``.
-    ``steps_per_interval``: RK4 steps in each interval; None refines them until a simulation with eight times as
+    ``steps_per_interval``: RK4 steps in each interval; None refines them until a simulation with four times as
     many steps ends within a tenth of the tolerance. Bounds that are broken between the nodes are tightened there by as
     much, and the problem is solved again. ``starts``: the first is ``guess``, the others seeded; the least objective
     of those that end well is kept. ``mesh_check``: solve again with twice as many intervals and say what that changes.
@@ -80,6 +82,10 @@ class MultipleShooting:
     def _best(self, problem: PlanningProblem, progress: Progress | None) -> Solution:
         if self.starts < 1:
             raise InvalidProblemError("starts must be at least 1", path="solvers.nlp.starts")
+        basis = problem.basis if self.over_basis else PiecewiseConstant(self.intervals)
+        if words := OBJECTIVES[problem.objective].lacking_control(basis):
+            hint = "" if self.over_basis else "; write control: basis"
+            raise InvalidProblemError(f"{words}{hint}", path="solvers.nlp.control")
         ended = list(self._from_starts(problem, progress))
         details: dict[str, Any] = {}
         if self.starts > 1:
@@ -170,7 +176,8 @@ class MultipleShooting:
 
 
 def _objective(solution: Solution) -> float:
-    return float(solution.details.get("objective_value", np.inf))
+    value = solution.details.get("objective_value")
+    return np.inf if value is None else float(value)
 
 
 def _well(solution: Solution) -> bool:

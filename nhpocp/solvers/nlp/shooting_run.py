@@ -14,22 +14,22 @@ from nhpocp.controls.control import Control
 from nhpocp.deferred import Deferred
 from nhpocp.flow.compiled.kernels import Interpreted, Kernels
 from nhpocp.flow.simulation import Motion, simulate
+from nhpocp.flow.step_error import ALLOWED, FINER
 from nhpocp.interruption import Interruption
-from nhpocp.objectives import SOFTENINGS
+from nhpocp.objectives.registry import OBJECTIVES
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Outcome, Progress, Solution
-from nhpocp.solvers.nlp.guesses import GuessMaker, NoGuessError, make_guess, meets, starting_horizon
+from nhpocp.solvers.nlp.guesses import GuessMaker, NoGuessError, make_guess, meets
 from nhpocp.solvers.nlp.kkt_residuals import kkt_residuals
 from nhpocp.solvers.nlp.optimizers import Look, Optimizer, Optimum, failed
 from nhpocp.solvers.nlp.transcription import Guess, Transcription
+from nhpocp.solvers.unsolved import unsolved
 from nhpocp.systems.numeric import numeric_system
 from nhpocp.task import total_error
 
 SLIGHT = 1e-6  # what a row, in its own unit, may be broken by and still be said to hold
 AT_LIMIT = 1e-3  # of its size: nearer, a row is at its limit
 MOST_STEPS = 16  # per interval
-RESIMULATION_SHARE = 0.1  # of the tolerance: the integration error that a plan may carry
-FINER = 8  # times the NLP's own steps, for the re-simulation
 TIGHTENINGS = 4
 FURTHER = 1.5  # times what breaks a bound between the nodes is what it is moved by
 BETWEEN_NODES = (
@@ -96,8 +96,7 @@ class Run:
         self.origin: Solution | None = None  # of the guess
         self.build_seconds = 0.0
         self.details: dict[str, Any] = {"guess": maker.kind}
-        wanted = SOFTENINGS if problem.objective == "path_length" else SOFTENINGS[-1:]
-        self.softening, self.harder = wanted[0], wanted[1:]
+        self.softening, *self.harder = OBJECTIVES[problem.objective].softenings
 
     def solve(self) -> Solution:
         began = perf_counter()
@@ -113,7 +112,7 @@ class Run:
                     f"the guess is where the {guess.origin.solver} solver ended as {guess.origin.outcome.value}: "
                     + guess.origin.message
                 )
-        steps = self.solver.steps_per_interval or self._enough_steps(guess.control)
+        steps = self.solver.steps_per_interval or self._steps_for(guess.control)
         programme, optimum = self._refine(*self._harden(*self._optimise(guess, steps, None)))
         plan = programme.unpack(optimum.x)
         motion = simulate(self.problem, plan.control)
@@ -188,13 +187,10 @@ class Run:
         left = limit - k if limit else None
         return {"tolerance": self.solver.tolerance, "phase": phase, "at_most": left, "expected": None}
 
-    def _enough_steps(self, control: Control) -> int:
+    def _steps_for(self, control: Control) -> int:
         """The least number of RK4 steps per interval that integrates the guess well enough."""
         steps = 1
-        while (
-            steps < MOST_STEPS
-            and self._resimulation_gap(control, steps) > RESIMULATION_SHARE * self.solver.tolerance
-        ):
+        while steps < MOST_STEPS and self._resimulation_gap(control, steps) > ALLOWED * self.solver.tolerance:
             steps *= 2
         return steps
 
@@ -203,7 +199,7 @@ class Run:
         return meets(self.problem, control, self.solver.intervals, steps)
 
     def _resimulation_gap(self, control: Control, steps: int) -> float:
-        """Distance at the end and the via poses with ``steps`` and with ``FINER`` times as many steps per interval."""
+        """Distance at the end and the via poses with ``steps`` and with `FINER` times as many steps per interval."""
         coarse, fine = (self._meets(control, n) for n in (steps, FINER * steps))
         if not (np.isfinite(coarse).all() and np.isfinite(fine).all()):
             return np.inf
@@ -231,7 +227,7 @@ class Run:
             plan = programme.unpack(optimum.x)
             gap = self._resimulation_gap(plan.control, programme.steps)
             self.details["resimulated_gap"] = gap
-            if gap <= RESIMULATION_SHARE * self.solver.tolerance or programme.steps >= MOST_STEPS:
+            if gap <= ALLOWED * self.solver.tolerance or programme.steps >= MOST_STEPS:
                 break
             programme, optimum = self._optimise(plan, 2 * programme.steps, (programme, optimum))
         return programme, optimum
@@ -317,8 +313,9 @@ class Run:
 
     def _objective(self, programme: Transcription, optimum: Optimum, motion: Motion) -> float:
         """The cost; of a softened one, what it stands for."""
-        softened = self.problem.objective == "path_length"
-        return motion.costs["path_length"] if softened else optimum.objective * programme.cost_unit
+        name = self.problem.objective
+        softened = any(OBJECTIVES[name].softenings)
+        return motion.costs[name] if softened else optimum.objective * programme.cost_unit
 
     def _sentence(self, outcome: Outcome, programme: Transcription, optimum: Optimum, cost: float) -> str:
         if outcome is Outcome.CONVERGED:
@@ -391,23 +388,8 @@ class Run:
 
     def _without_optimum(self, error: NoGuessError, seconds: float) -> Solution:
         """There was no guess to start from."""
-        zeros = np.zeros((self.problem.system.input_space.size, self.problem.basis.size))
-        control = Control(self.problem.basis, zeros, starting_horizon(self.problem))
-        motion = simulate(self.problem, control)
-        return Solution(
-            problem=self.problem,
-            solver=self.solver.name,
-            settings=self.solver.settings(),
-            tolerance=self.solver.tolerance,
-            outcome=error.outcome,
-            message=f"No guess to start from: {error.message}.",
-            final_error=float("nan"),
-            control=control,
-            trajectory=motion.trajectory,
-            costs=motion.costs,
-            objective=self.problem.objective,
-            timing={"build_s": seconds, "solve_s": 0.0},
-        )
+        sentence = f"No guess to start from: {error.message}."
+        return unsolved(self.problem, self.solver, error.outcome, sentence, build_seconds=seconds)
 
 
 def carried(before: Transcription, optimum: Optimum, after: Transcription) -> Array:

@@ -21,13 +21,12 @@ import casadi as ca
 import numpy as np
 
 from nhpocp.arrays import Array
-from nhpocp.constraints import Bound
+from nhpocp.constraints.bound import Bound
 from nhpocp.controls.basis import ControlBasis
 from nhpocp.controls.control import Control
 from nhpocp.controls.piecewise_constant import PiecewiseConstant
 from nhpocp.flow.compiled.kernels import Kernels
 from nhpocp.flow.shot import Shots
-from nhpocp.objectives import SOFTENINGS
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Solution
 from nhpocp.solvers.nlp.interval import UNITS, interval_of, units_of
@@ -67,7 +66,7 @@ class Transcription:
         steps: int,
         bounds: Sequence[Bound],
         kernels: Kernels,
-        softening: float = SOFTENINGS[-1],
+        softening: float | None = None,
     ) -> None:
         self.problem, self.basis, self.intervals, self.steps = problem, basis, intervals, steps
         self.guess, self.kernels = guess, kernels

@@ -15,7 +15,7 @@ import numpy as np
 
 from nhpocp.arrays import Array, namespace
 from nhpocp.frozen import Frozen
-from nhpocp.objectives import quantity
+from nhpocp.objectives.quantity import quantity
 from nhpocp.scales import side_size
 from nhpocp.systems.margins import Margin, margin
 from nhpocp.systems.system import System
@@ -39,6 +39,22 @@ class Bound(Frozen):
     def margin(self) -> Margin | None:
         """The margin that is bounded, if it is one."""
         return margin(self.quantity)
+
+    def misfit(self, shape: tuple[int, ...]) -> str:
+        """Why this cannot be a bound on a quantity of a shape, in words; empty where it can."""
+        sides = [np.asarray(side, dtype=float) for side in (self.lower, self.upper)]
+        for side in sides:
+            if not shape and side.size > 1:
+                return "lists of bounds; expected [lo, hi], for this is one number"
+            if shape and side.shape != shape[len(shape) - side.ndim :]:
+                return f"{len(side)} bounds a side; expected {shape[-1]}"
+        lower, upper = np.broadcast_arrays(*sides)
+        crossed = np.argwhere(lower > upper)
+        if not len(crossed):
+            return ""
+        place = tuple(crossed[0])
+        component = f" in component {', '.join(str(i + 1) for i in place)}" if place else ""
+        return f"lower bound {lower[place]:g} is above upper bound {upper[place]:g}{component}"
 
     def excess(self, values: Array) -> Array:
         """How far values (k, …) stand outside, same shape; 0 inside."""

@@ -1,0 +1,52 @@
+"""Angles of the legs' joints."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, ClassVar
+
+import numpy as np
+
+from nhpocp.constraints.bound import Bound
+from nhpocp.constraints.kind import ConstraintKind, opened, sides
+from nhpocp.systems.system import System
+
+NAMES = ("theta1", "theta2", "theta3", "theta4")
+
+
+class JointAngle(ConstraintKind):
+    """lo ≤ θ_j ≤ hi [rad] in every leg: θ1 and θ2 of the rolling joint, θ3 and θ4 of the universal joint."""
+
+    key = "joint_angle"
+    meaning = (
+        "[lo, hi] by the name of an angle of every leg: theta1, theta2 (base), theta3, theta4 (platform)"
+    )
+    shape = "pairs by name"
+    example: ClassVar[Any] = {"theta4": (-1.5, 1.5)}
+
+    def lacking(self, system: System) -> str:
+        known = "joint_angles" in (system.known_outputs or ())
+        return "" if known else f"the system {system.model} has no joint angles; remove it"
+
+    def misfit(self, value: Any, system: System) -> str:
+        unknown = [name for name in value if name not in NAMES]
+        if unknown:
+            return f"unknown angle {unknown[0]!r}; expected some of {', '.join(NAMES)}"
+        lists = [name for name, pair in value.items() if any(isinstance(side, list) for side in pair)]
+        return f"lists of bounds for {lists[0]}; expected [lo, hi], for every leg" if lists else ""
+
+    def bounds(self, value: Any, system: System) -> list[Bound]:
+        return [self._bound(name, *sides(pair)) for name, pair in value.items()]
+
+    def _bound(self, name: str, low: float, high: float) -> Bound:
+        lower, upper = np.full(len(NAMES), -np.inf), np.full(len(NAMES), np.inf)
+        place = NAMES.index(name)
+        lower[place], upper[place] = low, high
+        return Bound(f"{self.key}.{name}", "joint_angles", lower, upper)
+
+    def value(self, bounds: Sequence[Bound], system: System) -> Any:
+        named = {bound.label.partition(".")[2]: bound for bound in bounds}
+        return {
+            name: [opened(side)[NAMES.index(name)] for side in (bound.lower, bound.upper)]
+            for name, bound in named.items()
+        }

@@ -1,0 +1,58 @@
+"""The constraint kinds by key: the file's block, its checks, starters and what is written follow from these lines."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from nhpocp.constraints.bound import Bound
+from nhpocp.constraints.kind import ConstraintKind
+from nhpocp.errors import InvalidProblemError, refuse
+from nhpocp.family import Family
+from nhpocp.systems.system import System
+
+KINDS: Family[ConstraintKind] = Family(
+    {
+        "leg_length": "nhpocp.constraints.leg_length:LegLength",
+        "leg_speed": "nhpocp.constraints.leg_speed:LegSpeed",
+        "joint_angle": "nhpocp.constraints.joint_angle:JointAngle",
+        "control": "nhpocp.constraints.control:ControlSize",
+        "clearance": "nhpocp.constraints.clearance:Clearance",
+        "state": "nhpocp.constraints.state:StateBox",
+    },
+    made=lambda cls: cls(),
+)
+
+
+def bounds_of(given: Mapping[str, Any], system: System) -> list[Bound]:
+    """What the values of a `constraints` block ask for, by its keys.
+
+    Errors: `InvalidProblemError` for what cannot be asked of the system, with the `others`.
+    """
+    wrong: list[InvalidProblemError] = []
+    bounds: list[Bound] = []
+    for key, value in given.items():
+        kind, path = KINDS[key], f"constraints.{key}"
+        if words := kind.lacking(system):
+            wrong.append(InvalidProblemError(words, path=path, at_key=True))
+        elif words := kind.misfit(value, system):
+            wrong.append(InvalidProblemError(words, path=path))
+        else:
+            bounds += kind.bounds(value, system)
+    refuse(wrong)
+    return bounds
+
+
+def block_of(bounds: Sequence[Bound], system: System) -> dict[str, Any]:
+    """The block that asks for these bounds. Errors: `InvalidProblemError` for those that a file has no word for."""
+    own: dict[str, list[Bound]] = {}
+    for bound in bounds:
+        key = bound.label.partition(".")[0]
+        if key not in KINDS:
+            raise InvalidProblemError(
+                f"a problem file has no word for the bound {bound.label!r}; expected one of {', '.join(KINDS)}, or "
+                "such a word, a dot and a name",
+                path="constraints",
+            )
+        own.setdefault(key, []).append(bound)
+    return {key: KINDS[key].value(bounds, system) for key, bounds in own.items()}

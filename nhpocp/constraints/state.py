@@ -1,0 +1,32 @@
+"""Boxes in the state and the outputs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from nhpocp.constraints.bound import Bound
+from nhpocp.constraints.kind import ConstraintKind, pair_of, sides
+from nhpocp.systems.system import System
+
+
+class StateBox(ConstraintKind):
+    """lo ≤ x ≤ hi, componentwise, for blocks of the state and outputs by name."""
+
+    key = "state"
+    meaning = "[lo, hi], or [[lo, …], [hi, …]], by the name of a state block or an output"
+    shape = "pairs by name"
+
+    def shown(self, system: System, start: Mapping[str, Any]) -> Any:
+        for block in system.state_space.blocks:
+            if block.kind != "rotation":
+                value = start[block.name]
+                least = min(value) if isinstance(value, list) else value
+                return {block.name: [least - 50, least + 100]} if isinstance(least, int | float) else None
+        return None
+
+    def bounds(self, value: Any, system: System) -> list[Bound]:
+        return [Bound(f"{self.key}.{name}", name, *sides(pair)) for name, pair in value.items()]
+
+    def value(self, bounds: Sequence[Bound], system: System) -> Any:
+        return {bound.label.partition(".")[2]: pair_of(bound) for bound in bounds}

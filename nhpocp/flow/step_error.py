@@ -1,0 +1,71 @@
+"""Whether the steps of an integration are fine enough: the one answer to it, for whoever asks.
+
+Fixed steps must see every oscillation of a control (`enough_steps`, `resolving`). What is claimed on them is held
+against a path of finer steps (`finer`), and a search that could gain by their error asks how large it is (`StepError`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import ceil
+
+import numpy as np
+
+from nhpocp.arrays import Array
+from nhpocp.controls.basis import ControlBasis
+from nhpocp.flow.dynamics import dynamics
+from nhpocp.flow.integrators import CasadiRungeKutta, Flow, Integrator, RungeKutta4
+from nhpocp.problem import PlanningProblem
+
+FEWEST, ENOUGH = 5.0, 10.0  # steps for each period of the fastest function of a basis
+# Times the steps: at order 4 they leave 1/256 of the error, so that the distance between two paths is the error itself.
+FINER = 4
+ALLOWED = 0.1  # of the tolerance on E: the error of integration that a plan may carry
+
+
+def enough_steps(steps: int, basis: ControlBasis) -> int:
+    """These, or with fewer than `FEWEST` a period, so that they are blind to the control, as many as it takes."""
+    return steps if steps >= FEWEST * basis.oscillations else ceil(ENOUGH * basis.oscillations)
+
+
+def resolving(integrator: Integrator, basis: ControlBasis) -> Integrator:
+    """An integrator whose fixed steps see every oscillation of a basis: with more steps, where its own are too few."""
+    if not isinstance(integrator, RungeKutta4 | CasadiRungeKutta):
+        return integrator
+    steps = enough_steps(integrator.steps, basis)
+    return integrator if steps == integrator.steps else replace(integrator, steps=steps)
+
+
+def finer(integrator: Integrator) -> Integrator:
+    """Runge and Kutta's with `FINER` times the steps, which takes controls with jumps too."""
+    if isinstance(integrator, RungeKutta4):
+        return replace(integrator, steps=FINER * integrator.steps)
+    return RungeKutta4(FINER * getattr(integrator, "steps", RungeKutta4.steps))
+
+
+class StepError:
+    """How wrong the end of a path is, estimated from the same path with 1/`FINER` of the steps [E's unit].
+
+    Near det S = 0 the position moves at next to no cost, and fixed steps jump across: there least effort would be an
+    artefact. Integrators that choose their own steps are taken at their word.
+    """
+
+    def __init__(self, problem: PlanningProblem, integrator: Integrator, horizon: float) -> None:
+        self._problem = problem
+        self._coarse: Flow | None = None
+        if isinstance(integrator, RungeKutta4):
+            coarse = replace(integrator, steps=max(1, integrator.steps // FINER))
+            self._coarse = coarse.flow(dynamics(problem.system), problem.basis, horizon)
+
+    def error(self, coefficients: Array, end: Array) -> float:
+        """Of the end point ``end`` (packed) under a control; infinite where the coarse path has no end."""
+        if self._coarse is None:
+            return 0.0
+        coarse = self._coarse.end(self._problem.start_point, coefficients)
+        if not np.isfinite(coarse).all():
+            return np.inf
+        space = self._problem.system.state_space
+        change = space.lower(end, coarse - end)  # both are near; no logarithm is needed
+        weighted = np.asarray(space.weights(self._problem.error_length)) * change
+        # [Hairer, Nørsett, Wanner] II.4: a scheme of order 4 is wrong by 4⁴ times as much with a quarter of the steps
+        return float(np.linalg.norm(weighted)) / (FINER**4 - 1)

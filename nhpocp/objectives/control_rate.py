@@ -1,0 +1,55 @@
+"""The rate of the control."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from nhpocp.arrays import Array
+from nhpocp.objectives.objective import ControlObjective
+from nhpocp.scales import Scales
+
+if TYPE_CHECKING:
+    from nhpocp.controls.basis import ControlBasis
+    from nhpocp.controls.control import Control
+    from nhpocp.controls.table import Gram
+
+POINTS = 16  # Gauss-Legendre nodes a piece
+JUMP = 1e-9  # of a control of size 1: rounding
+
+
+class ControlRate(ControlObjective):
+    """∫ |u̇|² dt, of controls that do not jump."""
+
+    name = "control_rate"
+    symbol = "∫|d{control}/dt|² dt"
+    formula = "∫|u̇|²"
+    meaning = "∫|d control/dt|² dt"
+    pace = -3
+
+    def scale(self, scales: Scales) -> float:
+        return float(max(scales.inputs, default=0.0) ** 2 / scales.time) or 1.0
+
+    def lacking_control(self, basis: ControlBasis) -> str:
+        import numpy as np
+
+        from nhpocp.controls.control import Control
+
+        breaks = basis.breakpoints(1.0)
+        control = Control(basis, np.random.default_rng(0).normal(size=(1, basis.size)))
+        jump = np.abs(control(breaks, "left") - control(breaks, "right")).max(initial=0.0)
+        return f"{self.name} asks for a derivative, and {basis.kind} controls jump" if jump > JUMP else ""
+
+    def gram(self, basis: ControlBasis, horizon: float) -> Gram:
+        import numpy as np
+
+        from nhpocp.controls.table import Gram
+
+        pieces = max(1, int(4 * basis.oscillations))
+        knots = np.unique(np.concatenate([np.linspace(0, 1, pieces + 1), basis.breakpoints(1.0)])) * horizon
+        nodes, weights = np.polynomial.legendre.leggauss(POINTS)
+        middles, halves = 0.5 * (knots[1:] + knots[:-1])[:, None], 0.5 * np.diff(knots)[:, None]
+        slopes = basis.derivative_table((middles + halves * nodes).ravel(), horizon)
+        return Gram.of(slopes.T @ ((halves * weights).ravel()[:, None] * slopes))
+
+    def density(self, control: Control, times: Array) -> Array:
+        return (control.derivative(times) ** 2).sum(axis=1)

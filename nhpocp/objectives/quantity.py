@@ -1,0 +1,22 @@
+"""What may cost something or be bounded, by the name that a trajectory has for it."""
+
+from __future__ import annotations
+
+from nhpocp.arrays import Array
+from nhpocp.errors import InvalidProblemError
+from nhpocp.systems.system import System
+
+
+def quantity(system: System, name: str, state: Array, control: Array) -> Array:
+    """A state block, an input or an output by name. Errors: `InvalidProblemError` naming what there is."""
+    inputs = system.input_space.unpack(control)
+    if name in inputs:
+        return inputs[name]
+    values = system.state_space.unpack(state)
+    if name in values:
+        return values[name]
+    try:
+        return system.output(name, state, control)
+    except KeyError:
+        known = [*inputs, *values, *system.outputs(state, control)]
+        raise InvalidProblemError(f"no quantity {name!r} here; there are {', '.join(known)}") from None

@@ -1,0 +1,71 @@
+"""The control that a continuation ends with, and the Solution that it makes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from nhpocp.controls.basis import ControlBasis
+from nhpocp.controls.control import Control
+from nhpocp.deferred import Deferred
+from nhpocp.flow.simulation import simulate
+from nhpocp.flow.step_error import enough_steps
+from nhpocp.problem import PlanningProblem
+from nhpocp.solution import Method, Outcome, Solution
+
+
+@dataclass(frozen=True)
+class ContinuationResult:
+    """How a continuation ended, and with what control."""
+
+    outcome: Outcome
+    message: str
+    error: float  # E as the continuation believes
+    control: Control
+    records: list[Deferred]
+    details: dict[str, Any]
+    build_seconds: float
+    solve_seconds: float
+    updates: int = 0  # that led to the control
+
+    @property
+    def rank(self) -> float:
+        """The error, for choosing the best of several."""
+        return self.error if np.isfinite(self.error) else np.inf
+
+    def solution(self, solver: Method, problem: PlanningProblem) -> Solution:
+        """With the motion that the control makes."""
+        motion = simulate(problem, self.control)
+        advice = "" if self.outcome is Outcome.CONVERGED else f" {self.outcome.advice}"
+        settings = solver.settings()
+        return Solution(
+            problem=problem,
+            solver=solver.name,
+            settings=settings,
+            tolerance=solver.tolerance,
+            outcome=self.outcome,
+            message=f"{self.message}.{advice}",
+            final_error=self.error,
+            control=self.control,
+            trajectory=motion.trajectory,
+            costs=motion.costs,
+            iterations=self.records,
+            evaluations=len(self.records),
+            objective=settings["objective"],
+            details=self.details,
+            warnings=_of_steps(settings, problem.basis),
+            timing={"build_s": self.build_seconds, "solve_s": self.solve_seconds},
+        )
+
+
+def _of_steps(settings: dict[str, Any], basis: ControlBasis) -> list[str]:
+    """What is to be said of the steps of an integration that a basis asks for more of."""
+    given = settings.get("steps")
+    taken = given and enough_steps(given, basis)
+    if taken == given or settings["integrator"] == "cvodes":
+        return []
+    return [
+        f"{given} steps cannot resolve a control over {basis.size} functions of {basis.kind}: {taken} were taken"
+    ]

@@ -1,0 +1,40 @@
+"""The contract of a solver's settings: what a problem file may say of it, and the solver made of that."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from nhpocp.family import Family
+
+if TYPE_CHECKING:
+    from nhpocp.flow.compiled.kernels import Kernels
+    from nhpocp.solution import Solver
+
+# whether to compile the integrator
+KERNELS: Family[type[Any]] = Family(
+    {
+        "auto": "nhpocp.flow.compiled.kernels:CompiledWhenReady",
+        "always": "nhpocp.flow.compiled.kernels:Compiled",
+        "never": "nhpocp.flow.compiled.kernels:Interpreted",
+    }
+)
+
+
+class SolverSettings(ABC):
+    """A frozen dataclass of `declared` fields; its module imports nothing heavy, for `check` reads it.
+
+    meaning: what the solver is, in a few words. shown: values that `nhpocp init` writes in the place of a default, with
+    the words beside them.
+    """
+
+    meaning: ClassVar[str]
+    shown: ClassVar[Mapping[str, tuple[str, str]]] = {}
+
+    @abstractmethod
+    def solver(self, kernels: Kernels | None, others: Mapping[str, Solver]) -> Solver:
+        """The solver. kernels: who evaluates, None for its own default; others: a problem's solvers made before it.
+
+        Errors: `InvalidProblemError` for settings that do not go together.
+        """

@@ -1,0 +1,42 @@
+"""What a trajectory consists of, by name: a system's states, inputs, outputs and margins as blocks."""
+
+from __future__ import annotations
+
+from nhpocp.arrays import Array
+from nhpocp.errors import InvalidProblemError
+from nhpocp.state_space import Block, scalar, shaped
+from nhpocp.systems.margins import det, sigma
+from nhpocp.systems.system import System, check_names
+
+
+def quantities(system: System, point: Array) -> list[tuple[str, Block]]:
+    """Of each part of a trajectory what it is, state, input, output or margin, and its block.
+
+    point: a packed state with numbers; beside it outputs and matrices are made, for their names and shapes.
+    Errors: `InvalidProblemError` where two parts have one name, or an output another shape than is declared.
+    """
+    import numpy as np
+
+    # beside the point, where the machine may be singular; what is not finite has a shape all the same
+    aside = np.linspace(0.01, 0.02, system.state_space.dimension)
+    with np.errstate(all="ignore"):
+        near = np.asarray(system.state_space.retract(point, aside))
+        values = system.outputs(near, np.zeros(system.input_space.size))
+        matrices = list(system.regularity(near))
+    declared = {block.name: block for block in system.output_blocks or ()}
+    outputs = []
+    for name, value in values.items():
+        shape = tuple(size for size in np.shape(value) if size > 1)
+        block = declared.get(name) or shaped(name, shape)
+        if shape != tuple(size for size in block.shape if size > 1):
+            raise InvalidProblemError(f"output {name!r} is of shape {shape}; declared is {block.shape}")
+        outputs.append(block)
+    margins = [kind(name) for kind in (sigma, det) for name in matrices]
+    parts = [
+        *(("state", block) for block in system.state_space.blocks),
+        *(("input", block) for block in system.input_space.blocks),
+        *(("output", block) for block in outputs),
+        *(("margin", scalar(margin.name, symbol=margin.symbol)) for margin in margins),
+    ]
+    check_names(parts)
+    return parts
