@@ -128,7 +128,7 @@ class LeastCost:
             end = "the null space could not be searched: Newton's method from there does not come nearer to the goal"
         except np.linalg.LinAlgError as error:
             end = f"the null space could not be searched: {error}"
-        if self.evaluator.budget.refused:
+        if self.evaluator.budget.refused and (end or self._path_rows):
             end = "max_iterations ended the search"
         return self._result(end)
 
