@@ -131,7 +131,7 @@ class PlanningProblem(Frozen):
     samples: int = 201
     pictures: bool = True
     reference: Mapping[str, Any] = field(default_factory=dict)
-    source: str | None = None  # the problem file's text, as read
+    source: str | None = field(default=None, init=False)  # see `read_from`
 
     def __post_init__(self) -> None:
         wrong: list[InvalidProblemError] = []
@@ -272,11 +272,18 @@ class PlanningProblem(Frozen):
         largest = float(np.abs(here).max(initial=0.0))
         return next((float(s) for s in (size, largest) if np.isfinite(s) and s > 0), 1.0)
 
+    def read_from(self, text: str) -> Self:
+        """This problem with the text that says all of it; what is made of it by a change has none."""
+        other = object.__new__(type(self))
+        other.__dict__.update(self.__dict__, source=text)
+        return other
+
     def towards(self, goal: Mapping[str, Any]) -> Self:
         """This problem with another goal; what a goal does not touch is not checked again."""
         wrong: list[InvalidProblemError] = []
         other = object.__new__(type(self))
-        other.__dict__.update(self.__dict__, goal=checked_goal(self.system, goal, "goal", wrong))
+        goal = checked_goal(self.system, goal, "goal", wrong)
+        other.__dict__.update(self.__dict__, goal=goal, source=None)
         refuse(wrong)
         for name in ("goal_point", "tasks", "scales"):
             other.__dict__.pop(name, None)

@@ -129,12 +129,12 @@ def test_valleys_that_are_rounding_are_not_all_gone_into(monkeypatch):
     """A map of 161 × 161 that is noise has some 10 000 of them."""
     asked = []
 
-    def margins(self, points):
+    def noise(self, points):
         asked.append(len(points))
-        noise = np.abs(np.random.default_rng(len(asked)).normal(size=len(points)))
-        return {"sigma_s": noise, "det_s": noise}
+        return {"s": np.abs(np.random.default_rng(len(asked)).normal(size=len(points)))}
 
-    monkeypatch.setattr(slices._Plane, "margins", margins)
+    monkeypatch.setattr(slices._Plane, "sigmas", noise)
+    monkeypatch.setattr(slices._Plane, "determinants", noise)
     problem = paper_problem()
     spans = [slices.Span(c) for c in slices.chosen(problem.system.state_space, ["x", "z"])]
     points = np.tile(problem.start_point, (2, 1))

@@ -24,7 +24,7 @@ def test_a_file_bounds_an_angle_of_every_leg_and_is_written_again():
     third, first = problem.bounds
     np.testing.assert_allclose(third.upper, [np.inf, np.inf, np.radians(40), np.inf])
     assert (first.label, first.quantity) == ("joint_angle.theta1", "joint_angles")
-    again = parse_problem(dump_problem(problem.with_(source=None)))
+    again = parse_problem(dump_problem(problem.with_()))
     for one, other in zip(problem.bounds, again.bounds, strict=True):
         np.testing.assert_allclose([one.lower, one.upper], [other.lower, other.upper])
 

@@ -358,7 +358,7 @@ def test_a_file_says_every_leg_and_survives():
     assert [leg.joint for leg in robot.legs] == ["veselova", "suslov", "spherical", "spherical"]
     assert [leg.actuated for leg in robot.legs] == [True, True, True, False]
     assert [bound.quantity for bound in problem.bounds] == ["leg_lengths", "u", "sigma_w"]
-    again = parse_problem(dump_problem(replace(problem, source=None)))
+    again = parse_problem(dump_problem(replace(problem)))
     assert again.system.parameters() == robot.parameters()
     assert robot.parameters()["legs"][3]["length"] == "fixed"
 

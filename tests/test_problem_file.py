@@ -552,7 +552,7 @@ def test_a_problem_survives_its_own_file(problem) -> None:
 def test_solver_settings_survive_and_a_file_keeps_its_own_text() -> None:
     problem = load_problem(PAPER, ["solvers.jacobian.gamma=0.5", "solvers.jacobian.integrator=rk"])
     assert dump_problem(problem) == problem.source
-    again = parse_problem(dump_problem(dataclasses.replace(problem, source=None)))
+    again = parse_problem(dump_problem(dataclasses.replace(problem)))
     assert again.solvers["jacobian"].settings() == problem.solvers["jacobian"].settings()
 
 
@@ -580,9 +580,9 @@ def test_a_problem_changed_since_it_was_read_is_written_as_it_is(change) -> None
     problem = dataclasses.replace(load_problem(PAPER), **change)
     again = parse_problem(dump_problem(problem))
     settings = {name: solver.settings() for name, solver in again.solvers.items()}
-    written, expected = (dataclasses.replace(x, source=None) for x in (again, problem))
-    assert dump_problem(written) == dump_problem(expected, settings)
-    assert dump_problem(written) != dump_problem(dataclasses.replace(load_problem(PAPER), source=None))
+    written, expected, unchanged = map(dataclasses.replace, (again, problem, load_problem(PAPER)))
+    assert dump_problem(written) == dump_problem(expected, settings) == dump_problem(problem, settings)
+    assert dump_problem(written) != dump_problem(unchanged)
     for name, solver in problem.solvers.items():
         assert settings[name] == solver.settings()
 
@@ -618,7 +618,7 @@ def test_a_bound_without_a_word_is_refused() -> None:
     problem = parse_problem(MINIMAL)
     for bound in (Bound("mine", "position", 0, 1), Bound("leg_speed", "u", -1, 2)):
         with pytest.raises(InvalidProblemError, match="no word for"):
-            dump_problem(dataclasses.replace(problem, bounds=[bound], source=None))
+            dump_problem(dataclasses.replace(problem, bounds=[bound]))
 
 
 # --- systems ---------------------------------------------------------------------------------------------------------
@@ -647,12 +647,12 @@ goal: {y: 1}
         (
             "objective: leg_effort",
             "objective",
-            "none of effort, path_length, time, the objectives of unicycle",
+            "none of effort, control_rate, path_length, time, the objectives of unicycle",
         ),
         (
             "solvers: {jacobian: {objective: leg_effort}}",
             "solvers.jacobian.objective",
-            "none of effort, path_length, the objectives of unicycle; or write none",
+            "none of effort, control_rate, path_length, the objectives of unicycle; or write none",
         ),
         ("constraints: {leg_speed: 1}", "constraints.leg_speed", "the system unicycle has no legs"),
         ("constraints: {clearance: 1}", "constraints.clearance", "the system unicycle has no legs"),
@@ -668,7 +668,8 @@ def test_what_needs_legs_is_refused_where_a_system_has_none(lines, path, words) 
 def test_python_hears_of_the_same_objectives() -> None:
     problem = parse_problem(LEGLESS)
     with pytest.raises(
-        InvalidProblemError, match="none of effort, path_length, time, the objectives of unicycle"
+        InvalidProblemError,
+        match="none of effort, control_rate, path_length, time, the objectives of unicycle",
     ):
         dataclasses.replace(problem, objective="leg_effort")
 

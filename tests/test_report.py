@@ -173,7 +173,7 @@ def test_every_kind_of_solution_gives_a_page(case, monkeypatch):
 
 
 def test_users_words_are_escaped():
-    problem = replace(paper_problem(), name=SCRIPT, source=f"# {SCRIPT}\nname: x  # assumed {SCRIPT}\n")
+    problem = replace(paper_problem(), name=SCRIPT).read_from(f"# {SCRIPT}\nname: x  # assumed {SCRIPT}\n")
     solution = replace(
         good(),
         problem=problem,
@@ -428,7 +428,7 @@ def test_animations_are_linked_where_there_are_some():
 
 
 def test_the_control_to_begin_with_is_said_of_every_run_that_has_its_own():
-    runs = [made(problem=line(basis=Fourier(h), initial=None, source=f"harmonics: {h}")) for h in (1, 3)]
+    runs = [made(problem=line(basis=Fourier(h), initial=None).read_from(f"harmonics: {h}")) for h in (1, 3)]
     words = Page(render(Comparison.of(runs))).words
     for h in (1, 3):
         name = f"Jacobian method (control.harmonics = {h})"

@@ -244,7 +244,7 @@ def test_a_file_may_name_outputs_and_comes_back():
     problem = parse_problem(FILE)
     assert set(problem.goal) == {"leg_lengths", "platform_normal"}
     assert np.linalg.norm(problem.goal["platform_normal"]) == pytest.approx(1.0)
-    again = parse_problem(dump_problem(replace(problem, source=None)))
+    again = parse_problem(dump_problem(replace(problem)))
     for name, value in problem.goal.items():
         np.testing.assert_array_equal(again.goal[name], value)
     assert read_text(FILE).filled()["goal"]["platform_normal"] == [0, 0.1, 1]

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from nhpocp.solution import Solver
 
 
-def assembled(data: ProblemData, system: System, text: str) -> PlanningProblem:
+def assembled(data: ProblemData, system: System) -> PlanningProblem:
     """The problem of a file, without its solvers.
 
     Errors: `InvalidProblemError` for everything in it that does not fit together, by its path in the file; `others`.
@@ -65,7 +65,6 @@ def assembled(data: ProblemData, system: System, text: str) -> PlanningProblem:
             samples=data.output.samples,
             pictures=data.output.pictures,
             reference=data.reference.model_dump(exclude_none=True),
-            source=text,
         ),
         None,
     )

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator, Mapping
-from contextlib import suppress
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from nhpocp.constraints.registry import block_of
 from nhpocp.errors import InvalidProblemError
 from nhpocp.poses import goal_blocks
-from nhpocp.problem_file.reading import read_text
 from nhpocp.problem_file.settings import BLOCKS
 
 if TYPE_CHECKING:
@@ -27,36 +25,16 @@ _BLOCKS = {
 
 
 def dump_problem(problem: PlanningProblem, settings: Mapping[str, Mapping[str, Any]] | None = None) -> str:
-    """The problem as YAML; the text that it was read from, if that still says the same.
+    """The problem as YAML: the text that it was read from, or what was made in Python.
 
     ``settings``: of solvers by name, instead of those of the problem's own solver objects. Errors:
     `InvalidProblemError` for what a file has no words for, such as a bound with a label of one's own.
     """
-    wanted = _data(problem, settings or {})
-    return next((text for text in _sources(problem) if _meaning(text) == wanted), None) or _write(wanted)
-
-
-def _sources(problem: PlanningProblem) -> Iterator[str]:
-    """The text that the problem was read from, then the same text with the problem's name in it."""
-    if problem.source is None:
-        return
-    yield problem.source
-    with suppress(
-        InvalidProblemError
-    ):  # a file without a name is called by its stem, which another folder forgets
-        yield read_text(
-            problem.source, overrides=[f"name={json.dumps(problem.name, ensure_ascii=False)}"]
-        ).text
-
-
-def _meaning(text: str) -> dict[str, Any] | None:
-    """What a problem file says, in the words of `_data`; None where it is no problem file."""
-    from nhpocp.problem_file.reading import parse_problem
-
-    try:
-        return _data(parse_problem(text), {})
-    except InvalidProblemError:
-        return None
+    asked = settings or {}
+    own = {name: solver.settings() for name, solver in problem.solvers.items() if name in asked}
+    if problem.source is not None and own == dict(asked):
+        return problem.source
+    return _write(_data(problem, asked))
 
 
 def _data(problem: PlanningProblem, settings: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:

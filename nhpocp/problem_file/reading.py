@@ -5,6 +5,7 @@ CasADi is not loaded: this is all of `nhpocp check`, which has a third of a seco
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -130,7 +131,7 @@ def build(file: ProblemFile) -> PlanningProblem:
     try:
         if file.system.model not in SYSTEMS:
             _try_out(file.problem)
-        return file.problem.with_(solvers=build_solvers(file.data))
+        return file.problem.with_(solvers=build_solvers(file.data)).read_from(file.text)
     except InvalidProblemError as error:
         raise file.located(error) from None
 
@@ -163,10 +164,23 @@ def _read(text: str, file: str | None, path: FilePath | None, overrides: Sequenc
         data, system = _validated(document.data)
         if data.name is None:
             data = data.model_copy(update={"name": _stem(path)})
-        problem = _assembled(data, system, shown)
+            shown = _named(shown, _stem(path), "name" in document.data)
+        problem = _assembled(data, system)
     except InvalidProblemError as error:
         raise place.error([error, *error.others]) from None
     return ProblemFile(data, shown, path, problem, list(_doubts(data, problem, document.data)), place)
+
+
+def _named(text: str, name: str, null: bool) -> str:
+    """A problem's text with its name, which is the file's stem: in a folder the file is called otherwise.
+
+    null: whether the text has the key, and nothing behind it.
+    """
+    line = f"name: {json.dumps(name, ensure_ascii=False)}"
+    first = None if null else re.search(r"^nhpocp: *1 *(#.*)?\r?\n", text, flags=re.MULTILINE)
+    if first:  # as everybody writes it: the rest stays to the letter
+        return f"{text[: first.end()]}{line}\n{text[first.end() :]}"
+    return apply(text, [line.replace(": ", "=", 1)], None)[0].text
 
 
 def _stem(path: FilePath | None) -> str:
@@ -192,10 +206,10 @@ def _validated(raw: dict[str, Any]) -> tuple[ProblemData, System]:
     return data.model_copy(update={"system": block}), system
 
 
-def _assembled(data: ProblemData, system: System, text: str) -> PlanningProblem:
+def _assembled(data: ProblemData, system: System) -> PlanningProblem:
     """The problem without solvers; what foreign equations raise is their model's fault."""
     try:
-        return assembled(data, system, text)
+        return assembled(data, system)
     except InvalidProblemError as error:
         order = via_order(data)
         for each in (error, *error.others):

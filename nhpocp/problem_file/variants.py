@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from nhpocp.errors import InvalidProblemError, suggestion
@@ -40,8 +39,7 @@ def variant(problem: PlanningProblem, label: str) -> tuple[PlanningProblem, Any]
     name, changes = overrides(label)
     if changes or name not in problem.solvers:
         try:
-            # a file without a name is called by its stem, which its text does not know
-            changed = replace(parse_problem(dump_problem(problem), None, changes), name=problem.name)
+            changed = parse_problem(dump_problem(problem), None, changes)
         except InvalidProblemError as error:
             words = re.sub(r" \(given by --set [^)]*\)", "", error.message)
             message = f"{words} (given by --variant {label})"

@@ -106,7 +106,7 @@ class MultiStart:
         self, problem: PlanningProblem, interruption: Interruption
     ) -> Generator[ContinuationResult, None, None]:
         """Starts 2, 3, … in order; those not yet begun are given up when no more are asked for."""
-        base, seeded = self.continuation, replace(problem, initial=None, source=None, solvers={})
+        base, seeded = self.continuation, replace(problem, initial=None, solvers={})
         seeds = range(base.seed + 1, base.seed + self.starts)
         begun = 0
         try:
