@@ -203,7 +203,7 @@ ALL = [
     Bound("clearance.sigma_s", "sigma_s", 0.8),
     Bound("clearance.sigma_w", "sigma_w", 0.7),
     Bound("state.position", "position", [-1, -1, 20], [1, 1, 40]),
-    Bound("state.joint_angles", "joint_angles", -1, [[1, 1, 1, np.inf]]),
+    Bound("state.joint_angles", "joint_angles", -1, [[1, 1, 1, np.inf]] * 3),
 ]
 
 

@@ -22,22 +22,22 @@ class Curvature:
     inner: Array
 
     @classmethod
-    def first(cls, flat: float, size: int, *, full: bool) -> Curvature:
-        """``flat`` I. full: of all directions, which makes each operation as exact as on the matrix itself."""
-        seen = np.eye(size) if full or size <= MOST else np.empty((size, 0))
+    def first(cls, flat: float, size: int) -> Curvature:
+        """``flat`` I, of no directions; of all, among no more than `MOST`."""
+        seen = np.eye(size) if size <= MOST else np.empty((size, 0))
         return cls(flat, seen, flat * np.eye(seen.shape[1]))
 
-    def full(self, flat: float) -> Curvature:
-        """The same matrix, of all directions; what it falls back to is another one."""
-        unit = np.eye(len(self.seen))
-        return Curvature(flat, unit, self @ unit)
+    @property
+    def full(self) -> Array:
+        """Itself (n, n), for which there must be room."""
+        return self @ np.eye(len(self.seen))
 
     def __matmul__(self, columns: Array) -> Array:
         within = self.seen.T @ columns
         return np.asarray(self.flat * (columns - self.seen @ within) + self.seen @ (self.inner @ within))
 
     def over(self, *vectors: Array) -> Curvature:
-        """The same matrix, whose directions span these vectors (n,) or (n, k) too."""
+        """Itself, with directions that span these vectors (n,) or (n, k) too."""
         size, rank = self.seen.shape
         if rank == size:
             return self

@@ -1,14 +1,14 @@
 """The bounds of a problem along one path as rows g ≥ 0: values, derivatives, and how they fare between samples.
 
 A row is one side of one component of a bounded quantity at one sample, in units of its size, so that -g is what
-verification calls the relative excess, but for the share `INSIDE` by which a path is asked to stay within.
+verification calls the relative excess, but for the fraction `INSIDE` by which a path is asked to stay within.
 """
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import casadi as ca
 import numpy as np
@@ -40,13 +40,7 @@ class PathRows:
     is one side of one component of a quantity.
     """
 
-    def __init__(
-        self,
-        problem: PlanningProblem,
-        basis: ControlBasis,
-        horizon: float,
-        times: Array,
-    ) -> None:
+    def __init__(self, problem: PlanningProblem, basis: ControlBasis, horizon: float, times: Array) -> None:
         numeric = numeric_system(problem.system)
         self.problem, self.basis, self.horizon, self.numeric = problem, basis, horizon, numeric
         # whatever integrates the paths: these derivatives only steer
@@ -116,7 +110,7 @@ class _Samples:
         self.table = np.concatenate(tables)[order]
 
     def nearest(self, fine: _Samples) -> Array:
-        """For every sample of a finer grid the nearest of these, on the same side of every breakpoint."""
+        """For every sample of a finer grid the nearest of these on its own side of every breakpoint."""
         middles = 0.5 * (self.times[:-1] + self.times[1:])
         sides = [np.searchsorted(middles, fine.times, side) for side in ("left", "right")]
         return np.where(fine.from_left, *sides)
@@ -126,16 +120,16 @@ def _close(time: float, others: Array, horizon: float) -> bool:
     return bool(np.any(np.abs(others - time) < 1e-9 * horizon))
 
 
-class _Family(Protocol):
+class _Family(ABC):
     """The columns of one bound."""
 
+    @abstractmethod
     def values(self, states: Array, controls: Array) -> Array:
         """g at samples (k, n), (k, m) → (k, columns)."""
-        ...
 
+    @abstractmethod
     def slopes(self, states: Array, controls: Array) -> tuple[Array, Array]:
         """∂g/∂x (k, columns, n) and ∂g/∂u (k, columns, m)."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -158,14 +152,14 @@ class _Sides:
 
 def _sides(bound: Bound, shape: tuple[int, ...]) -> _Sides:
     """The limits of a quantity of this shape moved inwards by `INSIDE`, those of an equation outwards by `FORGIVEN`."""
-    found, sides = [], (bound.lower, bound.upper, *bound.sizes)
+    columns, sides = [], (bound.lower, bound.upper, *bound.sizes)
     lower, upper, below, above = (np.broadcast_to(np.asarray(side, float), shape).ravel() for side in sides)
     for sign, limits, others, sizes in ((1.0, lower, upper, below), (-1.0, upper, lower, above)):
         for place in np.flatnonzero(np.isfinite(limits)):
             limit, width, size = limits[place], abs(others[place] - limits[place]), sizes[place]
             inwards = min(INSIDE * size, 0.25 * width) if width > 0 else -FORGIVEN * size
-            found.append((place, sign, limit + sign * inwards, size))
-    places, signs, limits, sizes = np.array(found).reshape(-1, 4).T
+            columns.append((place, sign, limit + sign * inwards, size))
+    places, signs, limits, sizes = np.array(columns).reshape(-1, 4).T
     return _Sides(places.astype(int), signs, limits, sizes)
 
 
@@ -175,7 +169,7 @@ def _family(bound: Bound, problem: PlanningProblem) -> _Family:
     return _Boxed(bound, problem.system)
 
 
-class _Boxed:
+class _Boxed(_Family):
     """Limits on the components of a state block, an input or an output."""
 
     def __init__(self, bound: Bound, system: System) -> None:
@@ -204,7 +198,7 @@ def _quantity_functions(system: System, name: str) -> tuple[ca.Function, ca.Func
     return ca.Function("quantity", [x, u], [flat]), ca.Function("slope", [x, u], [slope]), shape
 
 
-class _Clearance:
+class _Clearance(_Family):
     """Limits on the least singular value σ of a regularity matrix M, its rotation columns divided by a length.
 
     The least σ carries the sign that det M has relative to the start, which makes it smooth through det M = 0, with
