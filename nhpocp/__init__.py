@@ -24,11 +24,11 @@ if TYPE_CHECKING:
     from nhpocp.flow.integrators import Cvodes as Cvodes
     from nhpocp.flow.integrators import RungeKutta4 as RungeKutta4
     from nhpocp.frozen import replace as replace
+    from nhpocp.outcome import Outcome as Outcome
     from nhpocp.planning import solve as solve
     from nhpocp.problem import Horizon as Horizon
     from nhpocp.problem import PlanningProblem as PlanningProblem
     from nhpocp.problem_file import load_problem as load_problem
-    from nhpocp.solution import Outcome as Outcome
     from nhpocp.solution import Solution as Solution
     from nhpocp.solution import Verdict as Verdict
     from nhpocp.solution_folder import load_solution as load_solution
@@ -80,7 +80,7 @@ _HOMES = {
     "MultipleShooting": "solvers.nlp.multiple_shooting",
     "NhpocpError": "errors",
     "Ode": "solvers.continuation.step_rules",
-    "Outcome": "solution",
+    "Outcome": "outcome",
     "ParallelRobot": "systems.parallel_robot",
     "Parameter": "systems.system",
     "PiecewiseConstant": "controls.piecewise_constant",

@@ -11,9 +11,10 @@ from typing import Any
 from nhpocp.controls.control import Control
 from nhpocp.errors import InvalidProblemError
 from nhpocp.interruption import Interruption
+from nhpocp.outcome import Outcome
 from nhpocp.planning import default_solver, refused
 from nhpocp.problem import PlanningProblem
-from nhpocp.solution import Outcome, Solver
+from nhpocp.solution import Solver
 from nhpocp.solvers.continuation.lockstep import reached_together
 from nhpocp.solvers.workers import awaited, packed, permit, submitted, unpacked
 

@@ -19,9 +19,10 @@ from nhpocp.csv_writer import write_table
 from nhpocp.errors import InvalidProblemError, NhpocpError
 from nhpocp.interruption import STOPPED, Interruption
 from nhpocp.objectives.registry import OBJECTIVES, costs_of_motion, exact_costs
+from nhpocp.outcome import Outcome
 from nhpocp.problem import PlanningProblem
 from nhpocp.provenance import machine, peak_memory, reset_peak_memory
-from nhpocp.solution import Outcome, Progress, Solution, Solver, telling
+from nhpocp.solution import Progress, Solution, Solver, telling
 from nhpocp.solvers.registry import SOLVERS
 from nhpocp.solvers.unsolved import unsolved
 

@@ -16,9 +16,10 @@ from nhpocp.foreseen import broken_poses, contradiction, endless
 from nhpocp.interruption import STOPPED, Interruption
 from nhpocp.kept import let_go
 from nhpocp.objectives.registry import OBJECTIVES
+from nhpocp.outcome import Outcome
 from nhpocp.problem import PlanningProblem
 from nhpocp.scales import coarse
-from nhpocp.solution import Outcome, Progress, Solution, Solver
+from nhpocp.solution import Progress, Solution, Solver
 from nhpocp.solvers.unsolved import unsolved
 from nhpocp.systems.numeric import numeric_system
 from nhpocp.verification import verify

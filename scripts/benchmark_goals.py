@@ -27,8 +27,9 @@ from goals import ROBOTS, paper_task, reachable_goals, workspace_goal
 
 from nhpocp import planning
 from nhpocp.controls.control import Control
+from nhpocp.outcome import Outcome
 from nhpocp.problem import PlanningProblem
-from nhpocp.solution import Outcome, Solution, Solver
+from nhpocp.solution import Solution, Solver
 from nhpocp.solvers.continuation.auto import Auto
 from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.step_rules import Adaptive, Euler

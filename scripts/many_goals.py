@@ -17,8 +17,8 @@ from goals import paper_task, reachable_goals
 from own import EVALUATION, SOLVERS
 
 import nhpocp
+from nhpocp.outcome import Outcome
 from nhpocp.problem import PlanningProblem
-from nhpocp.solution import Outcome
 
 Goal = Mapping[str, Any]
 ROBOT = "default"

@@ -15,7 +15,8 @@ from goals import paper_task
 
 from nhpocp.flow.compiled.kernels import Compiled, Interpreted, Kernels
 from nhpocp.flow.integrators import RungeKutta4
-from nhpocp.solution import Outcome, Solver
+from nhpocp.outcome import Outcome
+from nhpocp.solution import Solver
 from nhpocp.solvers.continuation.auto import Auto
 from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.step_rules import Adaptive, Euler

@@ -19,9 +19,10 @@ from test_report import SCRIPT, Page
 from nhpocp import planning
 from nhpocp.comparison import Comparison, Entry
 from nhpocp.errors import InvalidProblemError
+from nhpocp.outcome import Outcome
 from nhpocp.problem_file import load_problem
 from nhpocp.problem_file.registry import SYSTEMS
-from nhpocp.solution import Outcome, Solution
+from nhpocp.solution import Solution
 from nhpocp.solution_folder import load_solution, save_solution
 from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.step_rules import Euler

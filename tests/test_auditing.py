@@ -17,10 +17,10 @@ from nhpocp.comparison_folder import load_comparison
 from nhpocp.constraints.bound import Bound
 from nhpocp.controls.control import Control
 from nhpocp.errors import UnreadableSolutionError
+from nhpocp.outcome import Outcome
 from nhpocp.problem import Horizon
 from nhpocp.problem_file import parse_problem, starter
 from nhpocp.problem_file.registry import SYSTEMS
-from nhpocp.solution import Outcome
 from nhpocp.solution_folder import audit, load_solution, save_solution
 from nhpocp.solution_folder.plain_data import as_text, checksum
 from nhpocp.solvers.continuation.auto import Auto

@@ -11,7 +11,7 @@ from conftest import paper_problem
 from goals import reachable_goals
 
 import nhpocp
-from nhpocp.solution import Outcome
+from nhpocp.outcome import Outcome
 from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.step_rules import Adaptive
 

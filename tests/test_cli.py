@@ -17,7 +17,7 @@ import pytest
 from nhpocp import planning, verification
 from nhpocp.cli import verbs
 from nhpocp.cli.entry import status
-from nhpocp.solution import Outcome
+from nhpocp.outcome import Outcome
 from nhpocp.solution_folder import load_solution
 from nhpocp.views import figures
 

@@ -17,9 +17,9 @@ import nhpocp
 from nhpocp import so3
 from nhpocp.constraints.bound import Bound
 from nhpocp.flow.simulation import simulate
+from nhpocp.outcome import Outcome
 from nhpocp.problem import Horizon, PlanningProblem, Via
 from nhpocp.problem_file.building import build_solver
-from nhpocp.solution import Outcome
 from nhpocp.solvers.nlp.guesses import StraightGuess
 
 ASHORE = {"position": [0.0, 0.0], "theta": 0.0}

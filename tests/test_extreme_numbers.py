@@ -16,9 +16,10 @@ from nhpocp.analysis.growth import Growth
 from nhpocp.cli.analyzing import _path_lines
 from nhpocp.controls.fourier import Fourier
 from nhpocp.errors import InvalidProblemError
+from nhpocp.outcome import Outcome
 from nhpocp.problem import Horizon, PlanningProblem
 from nhpocp.problem_file import load_problem
-from nhpocp.solution import Crossing, Outcome
+from nhpocp.solution import Crossing
 from nhpocp.solution_folder import plain
 from nhpocp.verification.crossings import MOST, sign_changes, touches
 

@@ -20,10 +20,10 @@ from nhpocp.controls.fourier import Fourier
 from nhpocp.controls.legendre import Legendre
 from nhpocp.controls.piecewise_constant import PiecewiseConstant
 from nhpocp.flow.compiled.kernels import Compiled, Interpreted
+from nhpocp.outcome import Outcome
 from nhpocp.problem import Horizon, PlanningProblem
 from nhpocp.problem_file import control_from_json, registry
 from nhpocp.problem_file.building import build_solver
-from nhpocp.solution import Outcome
 from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting
 from nhpocp.solvers.nlp.optimizers import Fatrop, Ipopt
 from nhpocp.solvers.nlp.single_shooting import SingleShooting

@@ -20,9 +20,10 @@ from nhpocp.comparison import Entry
 from nhpocp.constraints.bound import Bound, check_bounds
 from nhpocp.controls.control import Control
 from nhpocp.controls.fourier import Fourier
+from nhpocp.outcome import Outcome
 from nhpocp.problem import PlanningProblem, Via
 from nhpocp.problem_file import load_problem
-from nhpocp.solution import Crossing, Outcome, Solution, Verdict
+from nhpocp.solution import Crossing, Solution, Verdict
 from nhpocp.state_space import StateSpace, rotation, scalar, vector
 from nhpocp.systems.numeric import NumericSystem
 from nhpocp.systems.system import System

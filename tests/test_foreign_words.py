@@ -23,7 +23,7 @@ from nhpocp.cli.summary import comparison_lines, report
 from nhpocp.cli.terminal import console, put, say, tell
 from nhpocp.comparison import Comparison, Entry
 from nhpocp.csv_writer import as_text
-from nhpocp.solution import Outcome
+from nhpocp.outcome import Outcome
 from nhpocp.solution_folder import save_solution
 from nhpocp.solution_folder.tables import write_iterations, write_trajectory
 from nhpocp.solvers.continuation.continuation import Continuation

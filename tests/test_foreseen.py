@@ -10,9 +10,9 @@ import nhpocp
 from nhpocp.constraints.bound import Bound
 from nhpocp.flow.compiled.kernels import Interpreted
 from nhpocp.foreseen import contradiction, endless
+from nhpocp.outcome import Outcome
 from nhpocp.problem import Horizon, PlanningProblem
 from nhpocp.problem_file.building import build_solver
-from nhpocp.solution import Outcome
 from nhpocp.solvers.nlp.guesses import Guess, ProblemGuess, make_guess
 from nhpocp.solvers.nlp.single_shooting import SingleShooting
 from nhpocp.solvers.nlp.transcription import Transcription

@@ -9,8 +9,8 @@ from conftest import PAPER_START, Integrators, Runaway, paper_problem, yaw
 from nhpocp.controls.fourier import Fourier
 from nhpocp.controls.piecewise_constant import PiecewiseConstant
 from nhpocp.controls.projection import project
+from nhpocp.outcome import Outcome
 from nhpocp.problem import Horizon, PlanningProblem
-from nhpocp.solution import Outcome
 from nhpocp.solvers.continuation.continuation import Continuation, Euler
 from nhpocp.solvers.nlp.guesses import (
     NoGuessError,

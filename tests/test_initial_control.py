@@ -18,10 +18,10 @@ from nhpocp.controls.legendre import Legendre
 from nhpocp.controls.piecewise_constant import PiecewiseConstant
 from nhpocp.flow.end_point_map import DifferentiatedEndPointMap
 from nhpocp.flow.integrators import RungeKutta4
+from nhpocp.outcome import Outcome
 from nhpocp.problem import PlanningProblem
 from nhpocp.problem_file import load_problem
 from nhpocp.problem_file.registry import SYSTEMS
-from nhpocp.solution import Outcome
 from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.initial_control import RANK, NoStartError, initial_coefficients, seeded_start
 from nhpocp.solvers.continuation.step_rules import Adaptive

@@ -8,7 +8,7 @@ from goals import paper_task
 from nhpocp.flow.compiled.kernels import Compiled, Interpreted
 from nhpocp.flow.dynamics import dynamics
 from nhpocp.flow.integrators import RungeKutta4
-from nhpocp.solution import Outcome
+from nhpocp.outcome import Outcome
 from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.step_rules import Euler
 

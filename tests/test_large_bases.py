@@ -17,8 +17,8 @@ from nhpocp.controls.piecewise_constant import PiecewiseConstant
 from nhpocp.controls.projection import project
 from nhpocp.flow.integrators import RungeKutta4
 from nhpocp.flow.step_error import enough_steps
+from nhpocp.outcome import Outcome
 from nhpocp.provenance import reset_peak_memory
-from nhpocp.solution import Outcome
 from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.step_rules import Adaptive
 from nhpocp.solvers.metrics import Coordinates, L2Metric

@@ -3,9 +3,9 @@
 from conftest import paper_problem
 
 import nhpocp
+from nhpocp.outcome import Outcome
 from nhpocp.problem_file import dump_problem, parse_problem
 from nhpocp.problem_file.variants import variant
-from nhpocp.solution import Outcome
 from nhpocp.solution_folder import load_solution, save_solution
 
 

@@ -14,7 +14,7 @@ import nhpocp
 from nhpocp.constraints.bound import Bound
 from nhpocp.flow.end_point_map import flow_through
 from nhpocp.flow.integrators import RungeKutta4
-from nhpocp.solution import Outcome
+from nhpocp.outcome import Outcome
 from nhpocp.solvers.continuation.auto import Auto
 from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.lockstep import reached_together

@@ -28,8 +28,8 @@ from ruamel.yaml import YAML
 
 import nhpocp
 from nhpocp.cli.entry import cli, status
+from nhpocp.outcome import Outcome
 from nhpocp.problem_file import read_text
-from nhpocp.solution import Outcome
 
 ROOT = Path(__file__).parents[1]
 PAGES = {str(path.relative_to(ROOT)): path for folder in ("", "nhpocp", "problems", "scripts", "tests")

@@ -9,8 +9,8 @@ import pytest
 from conftest import paper_problem
 
 from nhpocp import planning
+from nhpocp.outcome import Outcome
 from nhpocp.problem_file import parse_problem
-from nhpocp.solution import Outcome
 from nhpocp.solvers.continuation import multi_start
 from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.multi_start import MultiStart, processes

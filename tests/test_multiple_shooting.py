@@ -14,8 +14,8 @@ from nhpocp.constraints.bound import Bound
 from nhpocp.controls.fourier import Fourier
 from nhpocp.controls.projection import project
 from nhpocp.errors import InvalidProblemError
+from nhpocp.outcome import Outcome
 from nhpocp.problem import Horizon, PlanningProblem
-from nhpocp.solution import Outcome
 from nhpocp.solvers.continuation.continuation import Continuation, Euler
 from nhpocp.solvers.nlp.guesses import ProblemGuess, SolverGuess, StraightGuess
 from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting, mesh_check

@@ -9,8 +9,8 @@ from conftest import paper_problem, yaw
 from nhpocp import planning
 from nhpocp.constraints.bound import Bound
 from nhpocp.flow.compiled.kernels import Interpreted
+from nhpocp.outcome import Outcome
 from nhpocp.problem import PlanningProblem
-from nhpocp.solution import Outcome
 from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.step_rules import Adaptive
 from nhpocp.solvers.nlp.guesses import SolverGuess

@@ -10,7 +10,7 @@ from nhpocp import planning
 from nhpocp.controls.fourier import Fourier
 from nhpocp.flow.cost_map import cost_map
 from nhpocp.flow.integrators import RungeKutta4
-from nhpocp.solution import Outcome
+from nhpocp.outcome import Outcome
 from nhpocp.solvers.budget import Budget
 from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.step_rules import Adaptive

@@ -6,7 +6,7 @@ import pytest
 
 from nhpocp.diagnosis import diagnose
 from nhpocp.errors import InvalidProblemError
-from nhpocp.solution import Outcome
+from nhpocp.outcome import Outcome
 from nhpocp.solvers.nlp.optimizers import ENDINGS, LINEAR_SOLVERS, Fatrop, Ipopt, failed
 
 

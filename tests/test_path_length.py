@@ -16,10 +16,10 @@ from nhpocp.flow.compiled.kernels import Interpreted
 from nhpocp.flow.cost_map import cost_map
 from nhpocp.flow.integrators import RungeKutta4
 from nhpocp.objectives.path_length import PathLength
+from nhpocp.outcome import Outcome
 from nhpocp.problem import Horizon, PlanningProblem
 from nhpocp.problem_file.building import build_solver
 from nhpocp.problem_file.registry import SYSTEMS, system_class
-from nhpocp.solution import Outcome
 from nhpocp.solvers.nlp.guesses import ProblemGuess, make_guess
 from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting
 from nhpocp.solvers.nlp.transcription import Transcription

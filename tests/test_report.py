@@ -23,7 +23,8 @@ from test_figures import CASES, good
 
 from nhpocp.comparison import Comparison
 from nhpocp.controls.fourier import Fourier
-from nhpocp.solution import Outcome, Verdict
+from nhpocp.outcome import Outcome
+from nhpocp.solution import Verdict
 from nhpocp.views.report import render, write_report
 from nhpocp.views.report_words import given, introduction, number, percent
 

@@ -21,9 +21,9 @@ from nhpocp import planning
 from nhpocp.comparison_folder import load_comparison, solution_folders
 from nhpocp.constraints.bound import Bound
 from nhpocp.errors import InvalidProblemError, UnreadableSolutionError
+from nhpocp.outcome import Outcome
 from nhpocp.problem_file import load_problem
 from nhpocp.provenance import environment
-from nhpocp.solution import Outcome
 from nhpocp.solution_folder import (
     check_target,
     load_solution,

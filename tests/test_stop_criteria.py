@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from conftest import PAPER_START, paper_problem
 
-from nhpocp.solution import Outcome
+from nhpocp.outcome import Outcome
 from nhpocp.solvers.budget import Budget
 from nhpocp.solvers.continuation import auto
 from nhpocp.solvers.continuation.auto import Auto

@@ -22,8 +22,8 @@ from conftest import Integrators, paper_problem
 
 import nhpocp
 from nhpocp import interruption
+from nhpocp.outcome import Outcome
 from nhpocp.problem import PlanningProblem
-from nhpocp.solution import Outcome
 from nhpocp.solvers import workers
 from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.evaluation import Evaluator

@@ -18,7 +18,7 @@ from nhpocp.controls.projection import project
 from nhpocp.controls.sequence import retimed
 from nhpocp.flow.dynamics import Dynamics
 from nhpocp.flow.integrators import RungeKutta4
-from nhpocp.solution import Outcome
+from nhpocp.outcome import Outcome
 from nhpocp.solution_folder import load_solution, save_solution
 from nhpocp.solvers.continuation import auto, confirmation
 from nhpocp.solvers.continuation.auto import Auto

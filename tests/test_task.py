@@ -10,9 +10,9 @@ from conftest import paper_problem, yaw
 from nhpocp import planning, so3
 from nhpocp.constraints.bound import Bound
 from nhpocp.errors import InvalidProblemError, OrientationAtPiError
+from nhpocp.outcome import Outcome
 from nhpocp.problem import Via
 from nhpocp.problem_file import dump_problem, parse_problem, read_text, systems
-from nhpocp.solution import Outcome
 from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.step_rules import Adaptive, Euler
 from nhpocp.solvers.nlp.guesses import StraightGuess

@@ -29,8 +29,8 @@ from nhpocp.cli.summary import comparison_lines, next_commands, report, task
 from nhpocp.cli.terminal import put
 from nhpocp.comparison import Comparison, Entry, compare
 from nhpocp.deferred import Deferred
+from nhpocp.outcome import Outcome
 from nhpocp.problem_file import load_problem, read
-from nhpocp.solution import Outcome
 from nhpocp.solution_folder import load_solution
 from nhpocp.solvers.nlp.optimizers import Fatrop
 

@@ -11,8 +11,8 @@ from conftest import PAPER_START, yaw
 from nhpocp import planning, so3
 from nhpocp.constraints.bound import Bound
 from nhpocp.controls.fourier import Fourier
+from nhpocp.outcome import Outcome
 from nhpocp.problem import Horizon, PlanningProblem, Via
-from nhpocp.solution import Outcome
 from nhpocp.solvers.continuation.auto import Auto
 from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.generalized_inverses import Lagrangian

@@ -15,8 +15,9 @@ from nhpocp.constraints.bound import Bound
 from nhpocp.controls.control import Control
 from nhpocp.controls.fourier import Fourier
 from nhpocp.controls.piecewise_constant import PiecewiseConstant
+from nhpocp.outcome import Outcome
 from nhpocp.problem import PlanningProblem, Via
-from nhpocp.solution import Outcome, Solution
+from nhpocp.solution import Solution
 from nhpocp.state_space import StateSpace, scalar
 from nhpocp.systems.joints import Row
 from nhpocp.systems.legs import Leg

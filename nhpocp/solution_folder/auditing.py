@@ -18,8 +18,9 @@ import numpy as np
 from nhpocp.csv_writer import as_text
 from nhpocp.errors import InvalidProblemError
 from nhpocp.objectives.registry import costs_of_motion, exact_costs
+from nhpocp.outcome import Outcome
 from nhpocp.problem_file.dumping import writable
-from nhpocp.solution import Outcome, Solution, Verdict
+from nhpocp.solution import Solution, Verdict
 from nhpocp.solution_folder.plain_data import checksum, plain, to_json
 from nhpocp.solution_folder.reading import content, json_content, load_solution
 from nhpocp.solution_folder.tables import trajectory_table

@@ -17,8 +17,8 @@ from pydantic import (
 
 from nhpocp.errors import InvalidProblemError, UnreadableSolutionError, describe
 from nhpocp.objectives.registry import costs_of_motion
+from nhpocp.outcome import Outcome
 from nhpocp.problem_file.document import dotted
-from nhpocp.solution import Outcome
 from nhpocp.solution_folder.plain_data import SCHEMA_VERSION
 
 Duration = Annotated[float, Field(gt=0)]

@@ -55,7 +55,8 @@ class LeastSquares:
         from nhpocp.flow.integrators import RungeKutta4
         from nhpocp.flow.simulation import simulate
         from nhpocp.interruption import Interruption
-        from nhpocp.solution import Outcome, Solution
+        from nhpocp.outcome import Outcome
+        from nhpocp.solution import Solution
         from nhpocp.solvers.continuation.end_point_error import EndPointError
         from nhpocp.solvers.continuation.initial_control import initial_coefficients
 

@@ -7,8 +7,9 @@ from math import nan
 import numpy as np
 
 from nhpocp.flow.simulation import simulate
+from nhpocp.outcome import Outcome
 from nhpocp.problem import PlanningProblem
-from nhpocp.solution import Method, Outcome, Solution
+from nhpocp.solution import Method, Solution
 
 
 def unsolved(

@@ -14,7 +14,8 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from nhpocp.arrays import Array
 from nhpocp.constraints.bound import BoundReport, check_bounds
-from nhpocp.solution import Outcome, Solution
+from nhpocp.outcome import Outcome
+from nhpocp.solution import Solution
 from nhpocp.systems.margins import margin
 from nhpocp.systems.numeric import NumericSystem
 from nhpocp.views import plots

@@ -14,7 +14,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from nhpocp.solution import Outcome, Solution
+from nhpocp.outcome import Outcome
+from nhpocp.solution import Solution
 from nhpocp.views import drawing, plots
 from nhpocp.views import failure as failures
 from nhpocp.views.finite_path import path_of, quantity

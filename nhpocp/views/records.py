@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from nhpocp.arrays import Array
-from nhpocp.solution import Outcome, Solution
+from nhpocp.outcome import Outcome
+from nhpocp.solution import Solution
 
 Record = Mapping[str, Any]
 

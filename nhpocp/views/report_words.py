@@ -14,8 +14,8 @@ from nhpocp import so3
 from nhpocp.comparison import Entry, Group
 from nhpocp.objectives.objective import Objective
 from nhpocp.objectives.registry import OBJECTIVES
+from nhpocp.outcome import Outcome
 from nhpocp.problem import PlanningProblem
-from nhpocp.solution import Outcome
 from nhpocp.systems.margins import margin
 
 METHODS = {"jacobian": "Jacobian method", "nlp": "NLP"}

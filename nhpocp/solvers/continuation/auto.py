@@ -17,8 +17,9 @@ from nhpocp.errors import OrientationAtPiError
 from nhpocp.flow.integrators import RungeKutta4
 from nhpocp.interruption import STOPPED, Interruption
 from nhpocp.objectives.registry import OBJECTIVES
+from nhpocp.outcome import Outcome
 from nhpocp.problem import Horizon, PlanningProblem
-from nhpocp.solution import Outcome, Progress, Solution, telling
+from nhpocp.solution import Progress, Solution, telling
 from nhpocp.solvers.continuation.confirmation import begun_from, confirmed, end_of
 from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.continuation_result import ContinuationResult

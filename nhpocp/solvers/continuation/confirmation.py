@@ -11,8 +11,9 @@ from nhpocp.controls.control import Control
 from nhpocp.flow.end_point_map import flow_through, stops_of
 from nhpocp.flow.integrators import Integrator
 from nhpocp.flow.step_error import finer, resolving
+from nhpocp.outcome import Outcome
 from nhpocp.problem import PlanningProblem
-from nhpocp.solution import Outcome, Progress
+from nhpocp.solution import Progress
 from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.continuation_result import ContinuationResult
 from nhpocp.task import AlikeTasks, total_error

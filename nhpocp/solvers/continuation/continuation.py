@@ -18,8 +18,9 @@ from nhpocp.flow.end_point_map import DifferentiatedEndPointMap, EndPointMapFact
 from nhpocp.flow.integrators import Integrator, RungeKutta4
 from nhpocp.flow.step_error import StepError, resolving
 from nhpocp.interruption import STOPPED
+from nhpocp.outcome import Outcome
 from nhpocp.problem import PlanningProblem
-from nhpocp.solution import Outcome, Progress, Solution
+from nhpocp.solution import Progress, Solution
 from nhpocp.solvers.budget import Budget
 from nhpocp.solvers.continuation.continuation_result import ContinuationResult
 from nhpocp.solvers.continuation.ending import Ending

@@ -12,8 +12,9 @@ from nhpocp.controls.control import Control
 from nhpocp.deferred import Deferred
 from nhpocp.flow.simulation import simulate
 from nhpocp.flow.step_error import enough_steps
+from nhpocp.outcome import Outcome
 from nhpocp.problem import PlanningProblem
-from nhpocp.solution import Method, Outcome, Solution
+from nhpocp.solution import Method, Solution
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from nhpocp.solution import Outcome
+from nhpocp.outcome import Outcome
 
 
 class Ending(NamedTuple):

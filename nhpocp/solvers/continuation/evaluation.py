@@ -11,8 +11,8 @@ import numpy as np
 from nhpocp.arrays import Array, norm
 from nhpocp.errors import OrientationAtPiError
 from nhpocp.flow.end_point_map import EndPoint, EndPointMap
+from nhpocp.outcome import Outcome
 from nhpocp.problem import PlanningProblem
-from nhpocp.solution import Outcome
 from nhpocp.solvers.continuation.end_point_error import EndPointError
 from nhpocp.solvers.continuation.ending import Ending
 from nhpocp.solvers.continuation.generalized_inverses import Direction, GeneralizedInverse, LinearisedPath

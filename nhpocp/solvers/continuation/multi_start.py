@@ -11,8 +11,9 @@ from time import perf_counter
 from typing import Any, ClassVar
 
 from nhpocp.interruption import STOPPED, Interruption
+from nhpocp.outcome import Outcome
 from nhpocp.problem import PlanningProblem
-from nhpocp.solution import Outcome, Progress, Solution, telling
+from nhpocp.solution import Progress, Solution, telling
 from nhpocp.solvers.continuation.confirmation import confirmed
 from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.continuation_result import ContinuationResult

@@ -8,7 +8,7 @@ import numpy as np
 
 from nhpocp.arrays import Array
 from nhpocp.flow.end_point_map import EndPoint
-from nhpocp.solution import Outcome
+from nhpocp.outcome import Outcome
 from nhpocp.solvers.continuation.ending import Ending
 from nhpocp.solvers.continuation.trust_region import Number
 from nhpocp.systems.numeric import NumericSystem

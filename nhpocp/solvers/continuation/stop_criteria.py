@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from math import log
 from typing import Any
 
-from nhpocp.solution import Outcome
+from nhpocp.outcome import Outcome
 from nhpocp.solvers.budget import Budget
 from nhpocp.solvers.continuation.ending import Ending
 from nhpocp.solvers.continuation.evaluation import Evaluation

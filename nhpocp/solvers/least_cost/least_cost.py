@@ -12,9 +12,9 @@ from nhpocp.flow.cost_map import cost_map
 from nhpocp.flow.integrators import Integrator
 from nhpocp.flow.simulation import simulate
 from nhpocp.objectives.registry import OBJECTIVES
+from nhpocp.outcome import Outcome
 from nhpocp.problem import PlanningProblem
 from nhpocp.provenance import afford
-from nhpocp.solution import Outcome
 from nhpocp.solvers.budget import Budget
 from nhpocp.solvers.least_cost.curvature import MOST
 from nhpocp.solvers.least_cost.null_space import Cost, NoSurfaceError, NullSpaceResult, minimise

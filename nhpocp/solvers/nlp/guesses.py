@@ -17,9 +17,10 @@ from nhpocp.flow.dynamics import Dynamics
 from nhpocp.flow.end_point_map import DifferentiatedEndPointMap
 from nhpocp.flow.integrators import RungeKutta4
 from nhpocp.flow.step_error import resolving
+from nhpocp.outcome import Outcome
 from nhpocp.problem import Horizon, PlanningProblem
 from nhpocp.provenance import afford
-from nhpocp.solution import Outcome, Solution, Solver
+from nhpocp.solution import Solution, Solver
 from nhpocp.solvers.continuation.initial_control import seeded_start
 from nhpocp.solvers.nlp.transcription import Guess
 from nhpocp.state_space import StateSpace

@@ -15,8 +15,9 @@ from nhpocp.errors import InvalidProblemError
 from nhpocp.flow.compiled.kernels import CompiledWhenReady, Kernels
 from nhpocp.interruption import Interruption
 from nhpocp.objectives.registry import OBJECTIVES
+from nhpocp.outcome import Outcome
 from nhpocp.problem import PlanningProblem
-from nhpocp.solution import Outcome, Progress, Solution, telling
+from nhpocp.solution import Progress, Solution, telling
 from nhpocp.solvers.continuation.auto import Auto
 from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.step_rules import Adaptive

@@ -14,7 +14,7 @@ import numpy as np
 
 from nhpocp.arrays import Array
 from nhpocp.errors import InvalidProblemError
-from nhpocp.solution import Outcome
+from nhpocp.outcome import Outcome
 
 # ma27, ma57, ma86 and pardiso are absent from CasADi's wheel, ma97 crashes the interpreter at exit
 LINEAR_SOLVERS = ("mumps", "spral")

@@ -17,8 +17,9 @@ from nhpocp.flow.simulation import Motion, simulate
 from nhpocp.flow.step_error import ALLOWED, FINER
 from nhpocp.interruption import Interruption
 from nhpocp.objectives.registry import OBJECTIVES
+from nhpocp.outcome import Outcome
 from nhpocp.problem import PlanningProblem
-from nhpocp.solution import Outcome, Progress, Solution
+from nhpocp.solution import Progress, Solution
 from nhpocp.solvers.nlp.guesses import GuessMaker, NoGuessError, make_guess, meets
 from nhpocp.solvers.nlp.kkt_residuals import kkt_residuals
 from nhpocp.solvers.nlp.optimizers import Look, Optimizer, Optimum, failed
