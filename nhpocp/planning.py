@@ -98,6 +98,12 @@ def default_solver(problem: PlanningProblem) -> Solver:
 
 def refused(problem: PlanningProblem, solver: Solver) -> Solution | None:
     """The ending of a task that no path of this machine performs, recognised from its poses alone."""
+    with np.errstate(all="ignore"):
+        speeds = problem.scales.inputs
+        numbers = np.isfinite(speeds) & np.isfinite(1.0 / speeds) & (speeds > 0)
+    if not numbers.all():
+        words = f"Lengths and times of this problem make speeds of about {speeds[~numbers][0]:g}, which are no numbers"
+        return _refused(problem, solver, Outcome.NOT_FINITE, f"{words}. {Outcome.NOT_FINITE.advice}")
     if missed := _missed_by_the_drift(problem, solver):
         return _refused(problem, solver, Outcome.NOT_REACHED, f"{missed}. There is no control to search for.")
     sentences = {

@@ -53,6 +53,14 @@ def test_an_error_that_overflows_is_not_finite(solver, value, place):
     assert solution.iterations[0]["error"] is None
 
 
+@pytest.mark.parametrize("solver", ["jacobian", "nlp"])
+def test_speeds_that_are_no_numbers_are_not_finite(solver):
+    problem = load_problem(PROBLEMS / "unicycle.yaml", ["horizon=1e-300", "start.y=1e20"])
+    plan = nhpocp.solve(problem, problem.solvers[solver])
+    assert plan.outcome is Outcome.NOT_FINITE
+    assert "speeds of about inf" in plan.message
+
+
 @pytest.mark.parametrize("value", [1e-160, 1e-300])
 def test_an_error_length_that_is_next_to_nothing_is_not_finite(value):
     with np.errstate(all="ignore"):

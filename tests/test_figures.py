@@ -31,9 +31,10 @@ from nhpocp.systems.three_upu import ThreeUPU
 from nhpocp.views import drawing, panels
 from nhpocp.views.figures import FIGURES, write_pictures
 from nhpocp.views.finite_path import path_of
+from nhpocp.views.labels import plain_words, symbol
 from nhpocp.views.overlays import overlays
 from nhpocp.views.records import step_sums
-from nhpocp.views.style import DOTS_PER_INCH, PANEL, plain_words, symbol
+from nhpocp.views.style import DOTS_PER_INCH, PANEL
 
 FINAL = [  # physics, section 2: the preset `default` after (17) with gamma = 0.1
     [0.03936, 0.62835, 0.79417, -0.56243, -0.29366],

@@ -4,8 +4,8 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from nhpocp.diagnosis import diagnose
 from nhpocp.errors import InvalidProblemError
+from nhpocp.installation import diagnose
 from nhpocp.outcome import Outcome
 from nhpocp.solvers.nlp.optimizers import ENDINGS, LINEAR_SOLVERS, Fatrop, Ipopt, failed
 

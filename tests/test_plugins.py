@@ -12,8 +12,8 @@ import pytest
 
 import nhpocp
 from nhpocp.cli.entry import status
-from nhpocp.diagnosis import plugins as diagnosed
 from nhpocp.errors import InvalidProblemError
+from nhpocp.installation import plugins as diagnosed
 from nhpocp.problem_file import json_schema, parse_problem, plugins, read_text, starter, systems
 from nhpocp.problem_file.registry import SYSTEMS, every_class
 

@@ -226,7 +226,7 @@ def doctor(clear_cache: bool, as_json: bool) -> int:
         from nhpocp.flow.compiled.kernel_folder import clear_cache as clear
 
         say(f"{clear()} kernels removed from the cache")
-    from nhpocp.diagnosis import diagnose
+    from nhpocp.installation import diagnose
 
     found = diagnose()
     if as_json:

@@ -19,6 +19,7 @@ from nhpocp.arrays import Array
 from nhpocp.systems.margins import det, margin
 from nhpocp.systems.system import System
 from nhpocp.views.figures import write_all
+from nhpocp.views.labels import axis_label, notation, symbol
 from nhpocp.views.plots import margin_axis, time_axis
 from nhpocp.views.style import (
     ALARM,
@@ -27,13 +28,10 @@ from nhpocp.views.style import (
     GREY,
     PANEL,
     axes_grid,
-    axis_label,
     legend_above,
     line_style,
-    notation,
     say,
     styled,
-    symbol,
 )
 
 # red and blue that colour-blind readers can tell apart, pale where a determinant vanishes

@@ -23,10 +23,10 @@ from nhpocp.solution import Solution
 from nhpocp.views import drawing, report_words
 from nhpocp.views.curves import as_data
 from nhpocp.views.finite_path import path_of
+from nhpocp.views.labels import markup
 from nhpocp.views.page import filled
 from nhpocp.views.panels import crossing_words, panels
 from nhpocp.views.scene import drawn, scene
-from nhpocp.views.style import markup
 from nhpocp.whole import write_text
 
 TEMPLATE = "animation.html.jinja"

@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 
 from nhpocp.views.finite_path import thinned
+from nhpocp.views.labels import markup, plain_words
 from nhpocp.views.panels import Curve, Panel, of_group
-from nhpocp.views.style import COLOURS, DASHES, markup, plain_words
+from nhpocp.views.style import COLOURS, DASHES
 
 MOST_CURVES = 6  # in one panel
 

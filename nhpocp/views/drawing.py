@@ -17,7 +17,8 @@ from nhpocp.arrays import Array
 from nhpocp.solution import Solution
 from nhpocp.systems.system import System
 from nhpocp.views.finite_path import FinitePath, path_of, quantity
-from nhpocp.views.style import COLOURS, GREY, axis_label, line_style, symbol, unit_words
+from nhpocp.views.labels import axis_label, symbol, unit_words
+from nhpocp.views.style import COLOURS, GREY, line_style
 
 ELEVATION, AZIMUTH = 20.0, -62.0  # degrees
 SPACE = ("$x$", "$y$", "$z$")

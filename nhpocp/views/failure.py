@@ -20,21 +20,10 @@ from nhpocp.systems.margins import margin
 from nhpocp.systems.numeric import NumericSystem
 from nhpocp.views import plots
 from nhpocp.views.finite_path import path_of
+from nhpocp.views.labels import axis_label, notation, symbol
 from nhpocp.views.panels import SPREAD, Curve, Panel, logarithmic, of_group, panels
 from nhpocp.views.records import accepted, column, positive
-from nhpocp.views.style import (
-    ALARM,
-    COLOURS,
-    COMPACT,
-    PANEL,
-    axis_label,
-    legend_above,
-    line_style,
-    notation,
-    say,
-    symbol,
-    trial_style,
-)
+from nhpocp.views.style import ALARM, COLOURS, COMPACT, PANEL, legend_above, line_style, say, trial_style
 
 HEIGHT, NARROW = 4.4, 4.6  # inches: of the whole picture; its width where there are no records to show
 LEAST = 1e-8  # of the largest singular value: what is less is drawn there

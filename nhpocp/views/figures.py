@@ -19,9 +19,10 @@ from nhpocp.solution import Solution
 from nhpocp.views import drawing, plots
 from nhpocp.views import failure as failures
 from nhpocp.views.finite_path import path_of, quantity
+from nhpocp.views.labels import axis_label
 from nhpocp.views.panels import Panel, crossing_words, margins_of, merged, of_group, panels
 from nhpocp.views.records import error_history
-from nhpocp.views.style import COLOURS, GREY, PANEL, axes_grid, axis_label, line_style, say, sheet, styled
+from nhpocp.views.style import COLOURS, GREY, PANEL, axes_grid, line_style, say, sheet, styled
 from nhpocp.whole import write_files
 
 

@@ -15,9 +15,10 @@ from nhpocp.comparison import Entry
 from nhpocp.solution import Solution
 from nhpocp.views import drawing, plots
 from nhpocp.views.finite_path import FinitePath, path_of
+from nhpocp.views.labels import axis_label
 from nhpocp.views.panels import Panel, merged, of_group, panels
 from nhpocp.views.records import column, decays, error_history, positive
-from nhpocp.views.style import axes_grid, axis_label, line_style, sheet
+from nhpocp.views.style import axes_grid, line_style, sheet
 
 WIDTH, HEIGHT = 7.2, 1.75  # inches: a page's text, and a row of panels
 FLAT = 1e-9  # height over width, from which a path in space is shown from above

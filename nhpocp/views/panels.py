@@ -19,7 +19,7 @@ from nhpocp.state_space import Block
 from nhpocp.systems.margins import Margin, margin
 from nhpocp.systems.system import System
 from nhpocp.views.finite_path import FinitePath, path_of, quantity
-from nhpocp.views.style import LEGS, axis_label, notation, symbol, unit_words
+from nhpocp.views.labels import LEGS, axis_label, notation, symbol, unit_words
 
 SPREAD = 30.0  # of the least value to the largest, from which an axis is logarithmic
 HALF_TURN = "half turn: no unique axis"

@@ -9,7 +9,7 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
 from nhpocp.arrays import Array
-from nhpocp.views.style import plain_words
+from nhpocp.views.labels import plain_words
 
 POINTS = 72.0  # per inch, the unit of an SVG of matplotlib's
 DIGITS, PLACES = 4, 5  # significant digits of values, and of times or iterations

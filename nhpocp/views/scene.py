@@ -16,8 +16,8 @@ from nhpocp.systems.system import System
 from nhpocp.views import drawing
 from nhpocp.views.drawing import FILLS, is_closed, kinds_of, open_line_style, split_name
 from nhpocp.views.finite_path import path_of, thinned
+from nhpocp.views.labels import plain_words, symbol
 from nhpocp.views.panels import crossing_times
-from nhpocp.views.style import plain_words, symbol
 
 PLAIN, DARK = "#e8ebef", "#4b5563"  # of balls and of bars that have no line's colour
 TUBE = 0.62  # of the least length of a bar that extends
