@@ -46,12 +46,12 @@ def save_analysis(
 def _write(analysis: Analysis, folder: Path) -> None:
     text = json.dumps(plain(analysis.to_json()), indent=1, allow_nan=False, ensure_ascii=False)
     (folder / "analysis.json").write_text(text + "\n", encoding="utf-8")
-    found = analysis.map
-    if found is not None:
+    surfaces = analysis.map
+    if surfaces is not None:
         arrays: dict[str, Any] = {
-            found.first.name: found.first_values,
-            found.second.name: found.second_values,
-            **{det(name).name: values for name, values in found.determinants.items()},
-            **{sigma(name).name: values for name, values in found.margins.items()},
+            surfaces.first.name: surfaces.first_values,
+            surfaces.second.name: surfaces.second_values,
+            **{det(name).name: values for name, values in surfaces.determinants.items()},
+            **{sigma(name).name: values for name, values in surfaces.margins.items()},
         }
         np.savez_compressed(folder / "map.npz", **arrays)

@@ -25,9 +25,8 @@ from nhpocp.verification.crossings import describe_state, find_crossings
 from nhpocp.verification.replay import Path, replay
 
 SCHEMA_VERSION = 1
-TOLERANCE = (
-    1e-8  # relative, of every rank; the values themselves are exact to about 1e-13, the Jacobian to 1e-8
-)
+# relative, of every rank; the values themselves are exact to about 1e-13, the Jacobian to 1e-8
+TOLERANCE = 1e-8
 DEGREE = 6  # of the longest brackets, where it takes so many
 SAMPLES = 51  # of the path of the initial guess
 SHORTEST = 1e-6  # share of the horizon: what ends before has no path
@@ -56,7 +55,7 @@ class PointAnalysis:
 
 @dataclass(frozen=True)
 class PathAnalysis:
-    """The same along the path of the initial guess, up to where it goes: samples, and the times of rank losses."""
+    """Growth along the path of the initial guess, up to where it goes: samples, and the times of rank losses."""
 
     times: Array
     states: Array
@@ -165,7 +164,7 @@ def analyze(
     fields = Fields(system, Scales(scale, control.horizon if control else problem.horizon.first))
     ends = np.array([point for point, _ in states.values()])
     grown, times = _grown(fields, ends, followed, tolerance, degree)
-    found = {
+    points = {
         name: _point(problem, point, growth, note)
         for (name, (point, note)), growth in zip(states.items(), grown.points, strict=False)
     }
@@ -182,7 +181,7 @@ def analyze(
         tolerance,
         grown,
         verdict(grown, [*states, *(f"t = {t:.4g}" for t in times)], tolerance, Reserve.of(problem)),
-        found,
+        points,
         path,
         end_point,
         _map(
@@ -196,13 +195,13 @@ def analyze(
 def _ends(problem: PlanningProblem) -> tuple[dict[str, tuple[Array, str]], list[str]]:
     """Start and goal as states, each with what is to be said of it."""
     names, notes = problem.system.state_space.names, []
-    found = {"start": (problem.start_point, "")}
+    ends = {"start": (problem.start_point, "")}
     given, free = [n for n in names if n in problem.goal], [n for n in names if n not in problem.goal]
     if given:
-        found["goal"] = (problem.goal_point, f"{', '.join(free)} as at the start" if free else "")
+        ends["goal"] = (problem.goal_point, f"{', '.join(free)} as at the start" if free else "")
     else:
         notes.append("the goal fixes no part of the state; only the start is looked at")
-    return found, notes
+    return ends, notes
 
 
 def _mobility(problem: PlanningProblem, notes: list[str]) -> Mobility | None:

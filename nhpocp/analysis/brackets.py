@@ -46,25 +46,25 @@ def hall_words(letters: int, degree: int) -> list[list[Word]]:
     layers = [[Word(1, letter) for letter in range(letters)]]
     age = {word: i for i, word in enumerate(layers[0])}
     for d in range(2, degree + 1):
-        found = [
+        layer = [
             Word(d, parts=(a, b))
             for low in range(1, d // 2 + 1)
             for a, b in product(layers[low - 1], layers[d - low - 1])
             if age[a] < age[b] and (b.parts is None or age[b.parts[0]] <= age[a])
         ]
-        age.update({word: len(age) + i for i, word in enumerate(found)})
-        layers.append(found)
+        age.update({word: len(age) + i for i, word in enumerate(layer)})
+        layers.append(layer)
     return layers
 
 
 def bracket(space: StateSpace, x: ca.SX, first: ca.SX, second: ca.SX) -> ca.SX:
     """[X, Y] of two fields (dimension,) of the packed point x, by directional derivatives; no Jacobian is formed."""
-    found = ca.jtimes(second, x, space.lift(x, first)) - ca.jtimes(first, x, space.lift(x, second))
+    field = ca.jtimes(second, x, space.lift(x, first)) - ca.jtimes(first, x, space.lift(x, second))
     for block in space.blocks:
         if block.kind == "rotation":
             part = space.tangent_slice(block.name)
-            found[part] = found[part] - cross(first[part], second[part])
-    return found
+            field[part] = field[part] - cross(first[part], second[part])
+    return field
 
 
 @dataclass(frozen=True)
@@ -113,10 +113,10 @@ class LieAlgebra:
             value = ca.sparsify(bracket(self._space, self._x, first, second))
             if value.nnz():
                 self._fields[word] = ca.densify(value)
-        found = [word for word in alive if word in self._fields]
-        if found:
-            self.layers.append(self._layer(found))
-        return bool(found)
+        fresh = [word for word in alive if word in self._fields]
+        if fresh:
+            self.layers.append(self._layer(fresh))
+        return bool(fresh)
 
     def _layer(self, words: list[Word]) -> Layer:
         values = ca.horzcat(*[self._fields[word] for word in words])

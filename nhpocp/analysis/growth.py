@@ -42,9 +42,8 @@ class Growth:
 
     dimension: int
     spectra: tuple[Spectrum, ...]  # none where the fields are not finite
-    strong: int = (
-        0  # rank without the drift itself: what can be reached at one given time, if there is a drift
-    )
+    # rank without the drift itself: what can be reached at one given time, if there is a drift
+    strong: int = 0
     basis: tuple[str, ...] = ()  # fields that span as far as it goes
 
     @property
@@ -172,15 +171,15 @@ class Fields:
 
     def margin(self, points: Array, degree: int, rank: int) -> Array:
         """σ_rank/σ_1 of the brackets up to a degree at points (k, size), (k,); NaN where they are not finite."""
-        found = np.full(len(points), np.nan)
+        margins = np.full(len(points), np.nan)
         if not rank:  # no brackets were finite
-            return found
+            return margins
         values = self.at(points, degree)
         good = np.isfinite(values).all(axis=(1, 2))
         if good.any():
             spectra = np.linalg.svd(values[good], compute_uv=False)
-            found[good] = spectra[:, rank - 1] / np.maximum(spectra[:, 0], 1e-300)
-        return found
+            margins[good] = spectra[:, rank - 1] / np.maximum(spectra[:, 0], 1e-300)
+        return margins
 
 
 def filtration(fields: Fields, points: Array, tolerance: float, limit: int) -> Filtration:
@@ -214,9 +213,11 @@ def filtration(fields: Fields, points: Array, tolerance: float, limit: int) -> F
             refused = str(error)
             break
     words = [word for layer in algebra.layers[: len(spectra)] for word in layer.words]
-    found = [_growth([one[i] for one in spectra], matrix, words, algebra) for i, matrix in enumerate(values)]
-    best = max(found[count:], key=lambda growth: (growth.rank, growth.weakest or 0.0))
-    return Filtration(tuple(found[:count]), best, len(spectra), settled, algebra.drifting, refused)
+    growths = [
+        _growth([one[i] for one in spectra], matrix, words, algebra) for i, matrix in enumerate(values)
+    ]
+    best = max(growths[count:], key=lambda growth: (growth.rank, growth.weakest or 0.0))
+    return Filtration(tuple(growths[:count]), best, len(spectra), settled, algebra.drifting, refused)
 
 
 def _settled(ranks: Array, count: int, finite: Array, dimension: int) -> bool:

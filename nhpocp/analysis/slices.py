@@ -23,9 +23,7 @@ AXES = ("x", "y", "z")
 RESOLUTION = 161  # of a map, each way
 VALLEY = 0.1  # of the largest σ_min: how low a valley has to be for its floor to be looked for
 ZERO = 1e-6  # of the same: what counts as zero on the floor of a valley
-MOST = (
-    4 * RESOLUTION
-)  # valleys in one direction that are gone into; more are rounding, of which the lowest tell
+MOST = 4 * RESOLUTION  # valleys in one direction that are gone into; more are rounding: the lowest tell
 ROUNDING = 1e-10  # of the same: below this a sign means nothing
 ROOM = {"length": 0.5, "angle": pi / 4, "": 0.5}  # left around start, goal and path; lengths of the mechanism
 
@@ -90,8 +88,10 @@ def coordinates(space: StateSpace) -> dict[str, Coordinate]:
     taken = [brief for brief, _ in short]
     unique = {brief: full[name] for brief, name in short if taken.count(brief) == 1}
     named = {
-        name: found if found.name in unique else Coordinate(name, found.block, found.place)
-        for name, found in full.items()
+        name: coordinate
+        if coordinate.name in unique
+        else Coordinate(name, coordinate.block, coordinate.place)
+        for name, coordinate in full.items()
     }
     return {**named, **unique}
 
@@ -161,18 +161,18 @@ class SingularityMap:
 
 def chosen(space: StateSpace, names: Sequence[str]) -> list[Coordinate]:
     """Coordinates by name. Errors: `InvalidProblemError` for a name that is none, or two that are one."""
-    known, found = coordinates(space), []
+    known, picked = coordinates(space), []
     for name in names:
         if name not in known:
             raise InvalidProblemError(
                 f"slice: no coordinate {name!r}; there are {', '.join(_shortest(known))}"
             )
-        found.append(known[name])
-    if len(found) != 2 or found[0] == found[1]:
+        picked.append(known[name])
+    if len(picked) != 2 or picked[0] == picked[1]:
         raise InvalidProblemError(
             f"slice: takes two coordinates of {', '.join(_shortest(known))}; got {', '.join(names) or 'none'}"
         )
-    return found
+    return picked
 
 
 def _shortest(known: Mapping[str, Coordinate]) -> list[str]:
@@ -260,7 +260,7 @@ class _Plane:
         """Zeros of σ_min on the grid's lines without a change of sign, by golden section from three neighbours."""
         largest = _largest(margin)
         low = np.nan_to_num(margin, nan=np.inf)
-        found = [np.empty((0, 2))]
+        touched = [np.empty((0, 2))]
         for axis, grid in ((1, first), (0, second)):
             across = second if axis == 1 else first
             values, signs = (np.moveaxis(array, axis, 1) for array in (low, np.sign(determinant)))
@@ -285,5 +285,5 @@ class _Plane:
             where, least = np.where(sampled < least, grid[places + 1], where), np.minimum(sampled, least)
             kept = least < ZERO * largest
             pair = (where, fixed) if axis == 1 else (fixed, where)
-            found.append(np.column_stack(pair)[kept])
-        return np.vstack(found)
+            touched.append(np.column_stack(pair)[kept])
+        return np.vstack(touched)

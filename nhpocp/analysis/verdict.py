@@ -99,55 +99,56 @@ def pieces_of(system: System) -> tuple[str, ...]:
 
 
 def verdict(
-    found: Filtration, names: Sequence[str], tolerance: float, reserve: Reserve | None = None
+    filtration: Filtration, names: Sequence[str], tolerance: float, reserve: Reserve | None = None
 ) -> Controllability:
     """The verdict on points of these names, with its reserve. Sources: `growth`."""
-    said = _verdict(found, names, tolerance)
+    said = _verdict(filtration, names, tolerance)
     return reserve.qualified(said) if reserve else said
 
 
-def _verdict(found: Filtration, names: Sequence[str], tolerance: float) -> Controllability:
-    failing = tuple(name for name, growth in zip(names, found.points, strict=True) if not growth.full)
-    dimension = found.generic.dimension
+def _verdict(filtration: Filtration, names: Sequence[str], tolerance: float) -> Controllability:
+    failing = tuple(name for name, growth in zip(names, filtration.points, strict=True) if not growth.full)
+    generic = filtration.generic
+    dimension = generic.dimension
     where = f"at each of the {len(names)} states looked at (relative tolerance {tolerance:g})"
     if not failing:
-        return _holds(found, where)
-    if found.settled and found.generic.spectra and not found.generic.full and found.generic.doubtful:
-        gap = found.generic.spectra[-1]
+        return _holds(filtration, where)
+    if filtration.settled and generic.spectra and not generic.full and generic.doubtful:
+        gap = generic.spectra[-1]
         return Controllability(
             "undecided",
-            f"The brackets seem to span {found.generic.rank} of {dimension} dimensions, but not by a clear margin: "
+            f"The brackets seem to span {generic.rank} of {dimension} dimensions, but not by a clear margin: "
             f"σ/σ₁ falls to {gap.least_kept:.2g}, then {gap.largest_dropped:.2g} (relative tolerance {tolerance:g}).",
             failing,
         )
-    if found.settled and found.generic.spectra and not found.generic.full:
-        leaf = f"{found.generic.rank}-dimensional sets in {dimension} dimensions"
+    if filtration.settled and generic.spectra and not generic.full:
+        leaf = f"{generic.rank}-dimensional sets in {dimension} dimensions"
         return Controllability(
             "not controllable",
             f"No bracket leads further: motions stay on {leaf} (relative tolerance {tolerance:g}).",
             failing,
         )
-    missing = [name for name, one in zip(names, found.points, strict=True) if not one.spectra]
+    missing = [name for name, one in zip(names, filtration.points, strict=True) if not one.spectra]
     if missing:
         sentence = f"The fields are not finite at {_some(missing)}; the rank condition cannot be tried there."
         return Controllability("undecided", sentence, failing)
-    more = f"; {found.refused} would be too large" if found.refused else ""
+    more = f"; {filtration.refused} would be too large" if filtration.refused else ""
     return Controllability(
         "undecided",
         f"The Lie algebra rank condition was not found to hold at {_some(failing)} "
-        f"with brackets up to degree {found.limit}{more}.",
+        f"with brackets up to degree {filtration.limit}{more}.",
         failing,
     )
 
 
-def _holds(found: Filtration, where: str) -> Controllability:
+def _holds(filtration: Filtration, where: str) -> Controllability:
     condition = f"The Lie algebra rank condition holds {where}"
-    if not found.drifting:
+    if not filtration.drifting:
         return Controllability(
             "controllable", f"{condition}: small-time locally controllable there (Chow and Rashevskii)."
         )
-    dimension = found.generic.dimension
-    strong = min(growth.strong for growth in found.points)
+    dimension = filtration.generic.dimension
+    strong = min(growth.strong for growth in filtration.points)
     if strong == dimension:
         return Controllability(
             "strongly accessible",

@@ -73,21 +73,21 @@ def analyze(
     check_target(folder)
     given = {"tolerance": tolerance, "degree": degree}
     chosen: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
-    found = examine(problem, spans=spans, at=_time(at), **chosen)
+    analysis = examine(problem, spans=spans, at=_time(at), **chosen)
     pictures = None
     if problem.pictures:
         from nhpocp.views.analysis_figures import write_pictures
 
         pictures = write_pictures
-    missing = save_analysis(found, folder, pictures)
+    missing = save_analysis(analysis, folder, pictures)
     for warning in missing:
         say(f"warning: {warning}")
     if as_json:
-        data = plain(found.to_json())
+        data = plain(analysis.to_json())
         warnings = [*data.get("warnings", ()), *missing]
         put({**data, "warnings": warnings, "folder": str(folder)})
     else:
-        for line in lines(found):
+        for line in lines(analysis):
             tell(line)
         tell(f"  written: {folder}")
     return SOLVED
@@ -129,27 +129,27 @@ def _number(text: str) -> float:
         raise click.BadParameter(str(error), param_hint="--slice") from error
 
 
-def lines(found: Analysis) -> list[str]:
+def lines(analysis: Analysis) -> list[str]:
     """An analysis in a few lines."""
-    system = found.problem.system
+    system = analysis.problem.system
     space, inputs = system.state_space, system.input_space.size
     told = [
-        f"{found.problem.name} ({system.model}, {space.dimension} dimensions, {inputs} inputs): "
-        f"{found.controllability.kind}",
-        f"  {found.controllability.sentence}",
+        f"{analysis.problem.name} ({system.model}, {space.dimension} dimensions, {inputs} inputs): "
+        f"{analysis.controllability.kind}",
+        f"  {analysis.controllability.sentence}",
     ]
-    told += [_row("" if i else "mobility", words) for i, words in enumerate(_mobility_words(found))]
-    told += [_row(name, _point_words(point)) for name, point in found.points.items()]
-    if found.path:
-        told += _path_lines(found.path)
-    if found.end_point:
-        rows, columns = found.end_point.jacobian.shape
-        spectrum, agility = found.end_point.spectrum, found.end_point.agility
+    told += [_row("" if i else "mobility", words) for i, words in enumerate(_mobility_words(analysis))]
+    told += [_row(name, _point_words(point)) for name, point in analysis.points.items()]
+    if analysis.path:
+        told += _path_lines(analysis.path)
+    if analysis.end_point:
+        rows, columns = analysis.end_point.jacobian.shape
+        spectrum, agility = analysis.end_point.spectrum, analysis.end_point.agility
         told.append(
             _row(
                 "end point",
                 f"Jacobian {rows} × {columns}, rank {spectrum.rank}, singular values {_span(spectrum.values)}, "
-                f"condition {found.end_point.condition:.3g}",
+                f"condition {analysis.end_point.condition:.3g}",
             )
         )
         told.append(
@@ -159,19 +159,19 @@ def lines(found: Analysis) -> list[str]:
                 f"dexterity √det D = {agility.volume:.3g}",
             )
         )
-    if found.map:
-        told.append(_row("map", _map_words(found.map)))
-    return told + [f"  note: {note}" for note in found.notes]
+    if analysis.map:
+        told.append(_row("map", _map_words(analysis.map)))
+    return told + [f"  note: {note}" for note in analysis.notes]
 
 
-def _mobility_words(found: Analysis) -> list[str]:
+def _mobility_words(analysis: Analysis) -> list[str]:
     """What the legs leave, and how much of it manoeuvres reach."""
-    if not found.mobility:
+    if not analysis.mobility:
         return []
-    reached = found.filtration.generic.rank
+    reached = analysis.filtration.generic.rank
     return [
-        *found.mobility.describe(),
-        f"manoeuvres reach {reached} dimensions of the {found.mobility.reachable}",
+        *analysis.mobility.describe(),
+        f"manoeuvres reach {reached} dimensions of the {analysis.mobility.reachable}",
     ]
 
 
@@ -241,13 +241,13 @@ def _few(words: Sequence[str], most: int) -> str:
     return f"{', '.join(words[:most])}{more}"
 
 
-def _map_words(found: SingularityMap) -> str:
+def _map_words(surfaces: SingularityMap) -> str:
     def limits(name: str, ends: Sequence[float]) -> str:
-        angle = {c.name: c.unit == "angle" for c in (found.first, found.second)}[name]
+        angle = {c.name: c.unit == "angle" for c in (surfaces.first, surfaces.second)}[name]
         low, high = (math.degrees(end) if angle else end for end in ends)
         return f"{name} {low:.4g} … {high:.4g}{'°' if angle else ''}"
 
-    data = found.to_json()
+    data = surfaces.to_json()
     words = [limits(name, ends) for name, ends in data["coordinates"].items()]
     told = []
     for name, surface in data["matrices"].items():
@@ -261,4 +261,4 @@ def _map_words(found: SingularityMap) -> str:
             else "is not finite"
         )
         told.append(f"det {name.upper()} {verb}")
-    return f"{', '.join(words)}, through {found.at}: {'; '.join(told)}"
+    return f"{', '.join(words)}, through {surfaces.at}: {'; '.join(told)}"
