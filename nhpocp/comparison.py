@@ -82,20 +82,20 @@ class Entry:
     @property
     def machine(self) -> Mapping[str, Any]:
         """Versions and machine of the run."""
-        found: Mapping[str, Any] = _noted(self.solution).get("environment", {})
-        return found
+        environment: Mapping[str, Any] = _noted(self.solution).get("environment", {})
+        return environment
 
     @property
     def memory(self) -> float | None:
         """Peak resident memory of the process during the run [MB]."""
-        found: float | None = _noted(self.solution).get("peak_memory_mb")
-        return found
+        megabytes: float | None = _noted(self.solution).get("peak_memory_mb")
+        return megabytes
 
 
 def _noted(solution: Solution) -> Mapping[str, Any]:
     """What `compare` wrote into a solution's details."""
-    found: Mapping[str, Any] = solution.details.get("comparison", {})
-    return found
+    noted: Mapping[str, Any] = solution.details.get("comparison", {})
+    return noted
 
 
 @dataclass(frozen=True)
@@ -139,15 +139,15 @@ class Comparison:
     @cached_property
     def groups(self) -> list[Group]:
         """The entries problem by problem, in order."""
-        found: dict[str, list[Entry]] = {}
+        by_task: dict[str, list[Entry]] = {}
         for entry in self.entries:
-            found.setdefault(_task(entry.solution.problem), []).append(entry)
+            by_task.setdefault(_task(entry.solution.problem), []).append(entry)
         titles: list[str] = []
-        for entries in found.values():
+        for entries in by_task.values():
             name = entries[0].solution.problem.name
             count = sum(title == name or title.startswith(f"{name} (") for title in titles)
             titles.append(f"{name} ({count + 1})" if count else name)
-        return [Group(title, entries) for title, entries in zip(titles, found.values(), strict=True)]
+        return [Group(title, entries) for title, entries in zip(titles, by_task.values(), strict=True)]
 
     @property
     def all_converged(self) -> bool:
@@ -295,17 +295,17 @@ def _motion(entry: Entry) -> dict[str, float | None]:
 
 def _extremes(entry: Entry) -> dict[str, float | None]:
     """Extremes over the stored samples; None for what the system does not have."""
-    found: dict[str, float | None] = dict.fromkeys(EXTREMES)
+    extremes: dict[str, float | None] = dict.fromkeys(EXTREMES)
     if not entry.tried:
-        return found
+        return extremes
     trajectory = entry.solution.trajectory
     for name in ("s", "w"):
-        found[f"least_sigma_{name}"] = _extreme(trajectory.get(f"sigma_{name}"), np.min)
+        extremes[f"least_sigma_{name}"] = _extreme(trajectory.get(f"sigma_{name}"), np.min)
     if "leg_lengths" in trajectory:
-        found["leg_length_min"] = _extreme(trajectory["leg_lengths"], np.min)
-        found["leg_length_max"] = _extreme(trajectory["leg_lengths"], np.max)
-        found["peak_leg_speed"] = _extreme(np.abs(trajectory.get("u", np.nan)), np.max)
-    return found
+        extremes["leg_length_min"] = _extreme(trajectory["leg_lengths"], np.min)
+        extremes["leg_length_max"] = _extreme(trajectory["leg_lengths"], np.max)
+        extremes["peak_leg_speed"] = _extreme(np.abs(trajectory.get("u", np.nan)), np.max)
+    return extremes
 
 
 def _extreme(values: Any, pick: Callable[[Any], Any]) -> float | None:

@@ -24,10 +24,8 @@ from nhpocp.solution_folder.target import COMPARISON, require_own
 from nhpocp.whole import bench, write_file
 
 ANIMATION = "animation.html"
-TEXT = {
-    "encoding": "utf-8",
-    "errors": "backslashreplace",
-}  # names of folders need not be text; JSON reads them again
+# names of folders need not be text; JSON reads them again
+TEXT = {"encoding": "utf-8", "errors": "backslashreplace"}
 Report = Callable[[Comparison, Path, Mapping[str, str]], Any]
 Animate = Callable[[Sequence[Entry], Path], Any]
 
@@ -126,17 +124,17 @@ def _write_animations(
     comparison: Comparison, home: Path, animate: Animate, lost: list[str]
 ) -> dict[str, str]:
     """An animation for every problem that asks for pictures and has a motion; their places under ``home`` by title."""
-    found = {}
+    animations = {}
 
     def write(group: Group, place: str) -> None:
         if write_file(home / place, partial(animate, group.entries)):
-            found[group.title] = place
+            animations[group.title] = place
 
     for group in comparison.groups:
         place = f"{folder_name(group.title)}/{ANIMATION}"
         if group.problem.pictures and (why := attempted(partial(write, group, place))):
             lost.append(f"{home / place} could not be written ({why}); `nhpocp animate` writes it")
-    return found
+    return animations
 
 
 def _write_or_refuse(file: Path, write: Callable[[Path], Any]) -> None:
@@ -156,10 +154,10 @@ def load_comparison(places: Iterable[Path]) -> Comparison:
     audits = [audit(folder) for folder in folders]
     notes = [
         f"{folder} states what is not so: {difference}"
-        for folder, found in zip(folders, audits, strict=True)
-        for difference in found.differences
+        for folder, audited in zip(folders, audits, strict=True)
+        for difference in audited.differences
     ]
-    solutions = [_placed(found, folder) for found, folder in zip(audits, folders, strict=True)]
+    solutions = [_placed(audited, folder) for audited, folder in zip(audits, folders, strict=True)]
     return Comparison.of(solutions, [str(folder) for folder in folders], notes)
 
 
@@ -167,13 +165,13 @@ def solution_folders(place: Path) -> list[Path]:
     """The place itself or the solution folders under it, in the order of the comparison.json that lists them."""
     if is_solution_folder(place):
         return [place]
-    found = sorted(
+    folders = sorted(
         file.parent
         for file in place.rglob("solution.json")
         if not any(part.startswith(".") for part in file.relative_to(place).parts)
         and is_solution_folder(file.parent)
     )
-    if not found:
+    if not folders:
         raise UnreadableSolutionError(f"{place}: no solution folder, and none under it")
     order: dict[tuple[str, ...], int] = {}
     table = place / "comparison.json"
@@ -181,15 +179,14 @@ def solution_folders(place: Path) -> list[Path]:
     with suppress(ValueError, KeyError, TypeError, RecursionError):
         listed = json.loads(text)["runs"]
         order = {Path(run["folder"]).parts[-2:]: k for k, run in enumerate(listed) if run["folder"]}
-    return sorted(found, key=lambda folder: order.get(folder.parts[-2:], len(order)))
+    return sorted(folders, key=lambda folder: order.get(folder.parts[-2:], len(order)))
 
 
-def _placed(found: Audit, folder: Path) -> Solution:
+def _placed(audited: Audit, folder: Path) -> Solution:
     """What an audit found; a solution that `compare` did not make is told on which machine it was made."""
-    solution = found.solution
-    if (
-        found.stated.verdict is None
-    ):  # a place-holder of a run that could not begin is none that reaches anything
+    solution = audited.solution
+    # a place-holder of a run that could not begin is none that reaches anything
+    if audited.stated.verdict is None:
         solution = replace(solution, verdict=None)
     note = solution.details.get("comparison")
     if note is None:

@@ -122,9 +122,8 @@ class Solution:
     warnings: Sequence[str] = ()
     timing: Mapping[str, float] = field(default_factory=dict)
     log: str = ""
-    details: Mapping[str, Any] = field(
-        default_factory=dict
-    )  # what only one solver has to say, plain JSON data
+    # what only one solver has to say, plain JSON data
+    details: Mapping[str, Any] = field(default_factory=dict)
     verdict: Verdict | None = None
 
     @property
@@ -148,7 +147,7 @@ class Solution:
         return ", ".join(parts)
 
     def judged(self, verdict: Verdict, verify_seconds: float = 0.0) -> Solution:
-        """The same solution with a verdict; a claim that it refutes changes the outcome."""
+        """This solution with a verdict; a claim that it refutes changes the outcome."""
         outcome, message = self.outcome, self.message
         if outcome is Outcome.CONVERGED and not verdict.ok:
             broken = [report for report in verdict.bounds if not report.ok]
@@ -178,7 +177,7 @@ class Progress(Protocol):
 
 
 def telling(progress: Progress | None, **more: Any) -> Progress | None:
-    """The same listener, told more with every record; None where nobody listens."""
+    """A listener that is told more with every record; None where nobody listens."""
     if progress is None:
         return None
     listener = progress

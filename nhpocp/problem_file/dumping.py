@@ -15,13 +15,8 @@ from nhpocp.problem_file.settings import BLOCKS
 if TYPE_CHECKING:
     from nhpocp.problem import PlanningProblem
 
-_BLOCKS = {
-    "",
-    "control",
-    "constraints",
-    "solvers",
-    "reference",
-}  # written one key a line, the rest in one line
+# written one key a line, the rest in one line
+_BLOCKS = {"", "control", "constraints", "solvers", "reference"}
 
 
 def dump_problem(problem: PlanningProblem, settings: Mapping[str, Mapping[str, Any]] | None = None) -> str:

@@ -158,9 +158,8 @@ class _Comparison:
                 there = solution.settings.get(key), plain(own.get(key))
                 yield from _apart(f"settings.{key}", *there, "problem.yaml says")
         wanted = own.get("objective", solution.problem.objective)
-        if (
-            solution.iterations or solution.objective != "none"
-        ):  # "none" was once written where nothing was tried
+        # "none" was once written where nothing was tried
+        if solution.iterations or solution.objective != "none":
             yield from _apart("objective", solution.objective, wanted, "problem.yaml says")
 
     def _own_settings(self) -> Mapping[str, Any] | None:
@@ -251,9 +250,9 @@ class _Comparison:
         elif len(rows) != len(columns) or any(len(row) != len(names) for row in rows):
             yield f"trajectory.csv has {len(rows)} rows; the trajectory has {len(columns)}"
         else:
-            found = np.array([[_number(cell) for cell in row] for row in rows])
+            numbers = np.array([[_number(cell) for cell in row] for row in rows])
             wanted = np.where(np.isfinite(columns), columns, np.inf)
-            for k, i in np.argwhere(~np.isclose(found, wanted, rtol=COPIED, atol=1e-12))[:1]:
+            for k, i in np.argwhere(~np.isclose(numbers, wanted, rtol=COPIED, atol=1e-12))[:1]:
                 cell = rows[k][i] or "empty"
                 yield f"trajectory.csv: {names[i]} is {cell} in row {k + 1}; the trajectory has {columns[k, i]:.9g}"
 
@@ -268,18 +267,22 @@ def _number(cell: str) -> float:
         return math.nan
 
 
-def _apart(path: str, stated: Any, found: Any, source: str = "worked out again it is") -> Iterator[str]:
+def _apart(path: str, stated: Any, computed: Any, source: str = "worked out again it is") -> Iterator[str]:
     """Every place where plain data say something else than what was found."""
-    if isinstance(stated, Mapping) and isinstance(found, Mapping):
-        for key in dict.fromkeys([*found, *stated]):
+    if isinstance(stated, Mapping) and isinstance(computed, Mapping):
+        for key in dict.fromkeys([*computed, *stated]):
             if key not in stated:
                 continue  # an older version did not write it
-            yield from _apart(f"{path}.{key}", stated[key], found.get(key), source)
-    elif isinstance(stated, list | tuple) and isinstance(found, list | tuple) and len(stated) == len(found):
-        for k, (one, other) in enumerate(zip(stated, found, strict=True)):
+            yield from _apart(f"{path}.{key}", stated[key], computed.get(key), source)
+    elif (
+        isinstance(stated, list | tuple)
+        and isinstance(computed, list | tuple)
+        and len(stated) == len(computed)
+    ):
+        for k, (one, other) in enumerate(zip(stated, computed, strict=True)):
             yield from _apart(f"{path}[{k}]", one, other, source)
-    elif not _close(stated, found, CLOSE, NOTHING):
-        yield f"{path} is {_said(stated)}; {source} {_said(found)}"
+    elif not _close(stated, computed, CLOSE, NOTHING):
+        yield f"{path} is {_said(stated)}; {source} {_said(computed)}"
 
 
 def _close(one: Any, other: Any, relative: float, absolute: float) -> bool:

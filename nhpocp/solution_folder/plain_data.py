@@ -78,7 +78,7 @@ def as_text(data: Mapping[str, Any]) -> str:
 
 
 def plain(value: Any) -> Any:
-    """The same value as strict JSON data: NaN and infinities become None, arrays become lists."""
+    """A value as strict JSON data: NaN and infinities become None, arrays become lists."""
     if isinstance(value, float | np.floating):
         return float(value) if math.isfinite(value) else None
     if isinstance(value, np.integer | np.bool_):

@@ -130,21 +130,18 @@ def _control(stored: StoredSolution, problem: PlanningProblem) -> Control:
     return control
 
 
-def _same(expected: Any, found: Any) -> bool:
+def _same(expected: Any, stored: Any) -> bool:
     if isinstance(expected, Mapping):
-        return isinstance(found, Mapping) and all(
-            _same(value, found.get(name)) for name, value in expected.items()
+        return isinstance(stored, Mapping) and all(
+            _same(value, stored.get(name)) for name, value in expected.items()
         )
     if isinstance(expected, list) and any(isinstance(item, Mapping) for item in expected):
-        return (
-            isinstance(found, list)
-            and len(found) == len(expected)
-            and all(map(_same, expected, found))  # the pieces of a sequence
-        )
+        # the pieces of a sequence
+        return isinstance(stored, list) and len(stored) == len(expected) and all(map(_same, expected, stored))
     if isinstance(expected, list | float | int):
-        table = _table("control", found)
+        table = _table("control", stored)
         return table.shape == np.shape(expected) and np.allclose(table, expected, rtol=SAME, atol=1e-12)
-    return bool(expected == found)
+    return bool(expected == stored)
 
 
 def _table(name: str, value: Any) -> Array:
@@ -185,7 +182,7 @@ def _room(tables: Mapping[str, Array]) -> int:
 
 def read_arrays(file: Path, room: int) -> dict[str, Array]:
     """The arrays of an npz file, which may take so many bytes; every member is read whole and its checksum checked."""
-    found = {}
+    arrays = {}
     with _reading(file), open_file(file) as stream, zipfile.ZipFile(stream) as archive:
         claimed = sum(member.file_size for member in archive.infolist())
         if claimed > room:
@@ -196,15 +193,14 @@ def read_arrays(file: Path, room: int) -> dict[str, Array]:
             if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
                 raise InvalidProblemError("damaged: packed in a way that NumPy does not use")
             name = member.filename
-            with archive.open(
-                member
-            ) as packed:  # asked for that many bytes it unpacks no more, whatever there is
+            with archive.open(member) as packed:
+                # asked for that many bytes it unpacks no more, whatever there is
                 unpacked = packed.read(member.file_size + 1)
             array = np.lib.format.read_array(BytesIO(unpacked), allow_pickle=False)
             if array.dtype.kind not in "iuf":
                 raise InvalidProblemError("expected numbers", path=name.removesuffix(".npy"))
-            found[name.removesuffix(".npy")] = array.astype(float)
-    return found
+            arrays[name.removesuffix(".npy")] = array.astype(float)
+    return arrays
 
 
 def _shapes(problem: PlanningProblem) -> dict[str, tuple[int, ...]]:

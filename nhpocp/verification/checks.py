@@ -36,9 +36,8 @@ NEAR_SINGULAR = 1e-3  # σ_min under which the system's own rates have too few d
 DRIFT = 1e-5  # on RᵀR; a start may be off by 1e-6, and the exact flow keeps RᵀR as it is
 QUANTITY_TOLERANCE = 1e-4  # of a quantity's largest magnitude on the path; of one radian for angles
 NUDGE = 1e-9  # relative change of the state; what that does to a quantity is never held against it
-SAME_TIME = (
-    1e-6  # relative: a sequence's durations add up to rounding, and optimizers may relax a bound by 1e-8
-)
+# relative: a sequence's durations add up to rounding, and optimizers may relax a bound by 1e-8
+SAME_TIME = 1e-6
 PATH_TOLERANCE = 1e-5  # share of the mechanism's length by which a stored trajectory may be off
 
 
@@ -49,9 +48,8 @@ def verify(solution: Solution) -> Verdict:
     leg_rate are ≤ 1e-6, no determinant that the equations divide by is zero on the way, the stored trajectory is the
     replayed one, the control lasts as long as the problem says, and every bound holds on a fine grid.
     """
-    with np.errstate(
-        all="ignore"
-    ):  # a path that blows up has overflowing outputs; they are reported, not warned of
+    # a path that blows up has overflowing outputs; they are reported, not warned of
+    with np.errstate(all="ignore"):
         check = _Check(solution)
         check.horizon()
         error = check.end_error()
@@ -187,8 +185,10 @@ class _Check:
         if not clear.any():
             self.reasons.append("the whole path is too close to a singularity to check that the legs roll")
             return None, None
-        found = geometry.residuals(self.numeric, self.samples.states[clear], self.samples.controls[clear])
-        rolling, leg_rate = (float(np.max(values)) for values in found)
+        by_geometry = geometry.residuals(
+            self.numeric, self.samples.states[clear], self.samples.controls[clear]
+        )
+        rolling, leg_rate = (float(np.max(values)) for values in by_geometry)
         if not rolling <= GEOMETRY_TOLERANCE:
             self.reasons.append(
                 f"the legs turn about r: |r·ω|/|ω| is {rolling:.3g}, allowed {GEOMETRY_TOLERANCE:g}"

@@ -23,7 +23,7 @@ TOUCH = 1e-6  # σ_min, dimensionless: below it, dividing by it leaves six of a 
 def find_crossings(numeric: NumericSystem, path: Path, times: Array, length_scale: float) -> list[Crossing]:
     """Every zero of every regularity determinant, in order of time: sign changes, and touches from one side."""
     times = np.unique(times)
-    states, found = path(times), []
+    states, crossings = path(times), []
     sigmas = numeric.sigmas(states, length_scale)
     for name, values in numeric.determinants(states).items():
 
@@ -39,8 +39,8 @@ def find_crossings(numeric: NumericSystem, path: Path, times: Array, length_scal
         touched = touches(sigma, times, sigmas[name], crossed)
         for time, touch in [*((t, False) for t in crossed), *((t, True) for t in touched)]:
             state = describe_state(numeric.system.state_space, path(np.array([time]))[0])
-            found.append(Crossing(det(name).name, time, state, touch or returns, touch))
-    return sorted(found, key=lambda crossing: crossing.time)
+            crossings.append(Crossing(det(name).name, time, state, touch or returns, touch))
+    return sorted(crossings, key=lambda crossing: crossing.time)
 
 
 def touches(
@@ -52,7 +52,7 @@ def touches(
     """
     usable = np.isfinite(values)
     times, values = times[usable], values[usable]
-    found: list[float] = []
+    touched: list[float] = []
     places = _low_places(values)
     if len(places) > MOST:
         places = sorted(sorted(places, key=lambda k: values[k])[:MOST])
@@ -64,9 +64,9 @@ def touches(
             function, bounds=(span[0], span[-1]), method="bounded", options={"xatol": 1e-12 * times[-1]}
         )
         time = float(lowest.x if lowest.fun < values[k] else times[k])
-        if min(lowest.fun, values[k]) <= TOUCH and not (found and time - found[-1] < span[-1] - span[0]):
-            found.append(time)
-    return found
+        if min(lowest.fun, values[k]) <= TOUCH and not (touched and time - touched[-1] < span[-1] - span[0]):
+            touched.append(time)
+    return touched
 
 
 def _low_places(values: Array) -> list[int]:

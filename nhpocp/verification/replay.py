@@ -31,9 +31,8 @@ METHOD = (
 )
 MOST_STEPS = 5_000  # of a smooth piece; one takes 20 to 500
 STEPS_PER_FUNCTION = 20  # more, for a basis whose functions oscillate: a harmonic takes up to 10
-FIRST_STEP = (
-    0.02  # of the horizon, at most a smooth piece: SciPy's own first step is absolute at a state of zeros
-)
+# of the horizon, at most a smooth piece: SciPy's own first step is absolute at a state of zeros
+FIRST_STEP = 0.02
 MANY = 1000  # pieces, from which on preparing to step over many at once is worth while
 SHORTEST_STEP = 1e-9  # share of a smooth piece; a path that needs such steps ends there
 
@@ -165,7 +164,7 @@ def integrate(
                     run.follow(pieces.inputs(k), *map(float, pieces.ends[k : k + 2]))
             if run.stopped:
                 break
-    return Path(np.asarray(start), run.reached, run.stopped, Steps.joined(run.found) if run.found else None)
+    return Path(np.asarray(start), run.reached, run.stopped, Steps.joined(run.steps) if run.steps else None)
 
 
 @dataclass
@@ -180,7 +179,7 @@ class _Integration:
     watch: Watch | None
     reached: float = 0.0
     stopped: str | None = None
-    found: list[Steps] = field(default_factory=list)
+    steps: list[Steps] = field(default_factory=list)
 
     def stride(self, strides: Strides, pieces: Pieces) -> int:
         """Over the first pieces in one step each; how many."""
@@ -191,7 +190,7 @@ class _Integration:
                 if self.stopped:
                     break
         elif len(ends):
-            self.found.append(steps)
+            self.steps.append(steps)
             self.reached = float(pieces.ends[len(ends)])
         self.state = ends[-1] if len(ends) else self.state
         return len(ends)
@@ -202,9 +201,8 @@ class _Integration:
         def piecewise(t: float, x: Array) -> Array:
             return self.rate(t, x, inputs(t))
 
-        if not np.isfinite(
-            piecewise(first, self.state)
-        ).all():  # DOP853 would never return from its first step
+        # DOP853 would never return from its first step
+        if not np.isfinite(piecewise(first, self.state)).all():
             self.stopped = "the rate there is not finite"
             return
         step = min(last - first, self.longest)
@@ -231,7 +229,7 @@ class _Integration:
             end, self.stopped = self.watch.look(step, self.reached, end)
         if end > self.reached:
             self.reached = end
-            self.found.append(step)
+            self.steps.append(step)
 
 
 def replay(numeric: NumericSystem, control: Control, start: Array, scales: Array | float = 1.0) -> Path:

@@ -31,11 +31,8 @@ DASHES: tuple[Any, ...] = (
 GREY, FAINT, ALARM = "0.35", "0.92", "#B2182B"
 
 MANY = 100  # points that can still be told apart in a panel
-COMPACT: dict[str, Any] = {
-    "handlelength": 2.0,
-    "columnspacing": 1.0,
-    "handletextpad": 0.5,
-}  # for many entries
+# for many entries
+COMPACT: dict[str, Any] = {"handlelength": 2.0, "columnspacing": 1.0, "handletextpad": 0.5}
 
 SETTINGS: dict[str, Any] = {
     "font.family": "STIXGeneral",  # comes with matplotlib, so pictures are the same everywhere
