@@ -52,9 +52,8 @@ class NumPyNamespace:
         return a @ b
 
     def cross(self, a: Array, b: Array) -> Array:
-        return self.vector(
-            [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-        )  # numpy.cross is ten times slower on a single pair
+        # numpy.cross is ten times slower on a single pair
+        return self.vector([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 
 class CasadiNamespace:

@@ -41,7 +41,7 @@ class FixedList(list[Any]):
 
 
 def fixed(value: Any) -> Any:
-    """The same value, as a copy that refuses to be changed in place: arrays, lists, mappings, sets, and what they hold.
+    """A copy of a value that refuses to be changed in place: arrays, lists, mappings, sets, and what they hold.
 
     Objects of other classes are taken as they are.
     """

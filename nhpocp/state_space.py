@@ -173,7 +173,7 @@ class StateSpace(Frozen):
         return hash(self.blocks)
 
     def with_(self, **changes: Any) -> StateSpace:
-        """The same blocks, or others: ``blocks``."""
+        """A state space of these blocks, or of others: ``blocks``."""
         return StateSpace(**{"blocks": self.blocks, **changes})
 
     def __repr__(self) -> str:
@@ -330,13 +330,13 @@ class StateSpace(Frozen):
         """The packed numbers (…, size) with their rotations made exact; a fixed-step integrator leaves SO(3)."""
         import numpy as np
 
-        found = np.array(point, dtype=float)
+        exact = np.array(point, dtype=float)
         for block in self.blocks:
             if block.kind == "rotation":
-                entries = found[..., self._points[block.name]]
-                rotations = so3.nearest(entries.reshape((*found.shape[:-1], 3, 3)))
-                found[..., self._points[block.name]] = rotations.reshape(entries.shape)
-        return found
+                entries = exact[..., self._points[block.name]]
+                rotations = so3.nearest(entries.reshape((*exact.shape[:-1], 3, 3)))
+                exact[..., self._points[block.name]] = rotations.reshape(entries.shape)
+        return exact
 
     def weights(self, error_length: float) -> list[float]:
         """One weight per tangent number: 1/error_length for lengths, 1 for the rest."""

@@ -108,7 +108,7 @@ class Veselova(BaseJoint):
 
 @dataclass(frozen=True)
 class Suslov(BaseJoint):
-    """The same with the roller carried by the leg: r is constant along g, w3, g × w3. [Paper] section 2"""
+    """A roller whose axle the leg carries: r is constant along g, w3, g × w3. [Paper] section 2"""
 
     r: Vector3
     name: ClassVar[str] = "suslov"

@@ -150,14 +150,14 @@ class Leg:
 
     def invariants(self, pose: LegPose) -> dict[str, tuple[Array, float | None]]:
         """What holonomic joints keep as it is, by its name in messages; with the value that it must have, if any."""
-        found: dict[str, tuple[Array, float | None]] = {}
+        held: dict[str, tuple[Array, float | None]] = {}
         if self.holds_a_turn and (turn := self.base_joint.invariant(pose.g, pose.w3)) is not None:
-            found["w1·w2"] = turn, 0.0
+            held["w1·w2"] = turn, 0.0
         if self.pinned:
-            found |= {f"b - a along {axis}": (pose.span[k], 0.0) for k, axis in enumerate("xyz")}
+            held |= {f"b - a along {axis}": (pose.span[k], 0.0) for k, axis in enumerate("xyz")}
         elif self.length is not None:
-            found["length"] = pose.length, None if self.length == "fixed" else float(self.length)
-        return found
+            held["length"] = pose.length, None if self.length == "fixed" else float(self.length)
+        return held
 
     def describe(self) -> str:
         """Its joints and what they do, in words."""

@@ -32,7 +32,7 @@ class Mobility:
     twists: Array
 
     def describe(self) -> list[str]:
-        """The same in sentences."""
+        """The counts in sentences."""
         constraints = self.holonomic + self.non_holonomic
         lines = [f"leg {i}: {words}" for i, words in enumerate(self.legs, 1)]
         lines.append(

@@ -95,18 +95,18 @@ class NumericSystem:
         return {name: _determinant(matrices) for name, matrices in self.regularity(states).items()}
 
     def breaking(self, numbers: Array) -> dict[str, Array]:
-        """The same for the matrices alone that the equations invert, `System.breaking`.
+        """det of the matrices that the equations invert, `System.breaking`, at samples, (k,) each.
 
         numbers: of `breaking_function` at samples, (k, …).
         """
-        found, first = {}, 0
+        determinants, first = {}, 0
         for name, size in self._breaking_sizes.items():
             if size <= EXPANDED:
-                found[name], first = numbers[:, first], first + 1
+                determinants[name], first = numbers[:, first], first + 1
             else:
                 entries = numbers[:, first : first + size * size]
-                found[name], first = _determinant(entries.reshape(-1, size, size)), first + size * size
-        return found
+                determinants[name], first = _determinant(entries.reshape(-1, size, size)), first + size * size
+        return determinants
 
     @cached_property
     def _breaking_sizes(self) -> dict[str, int]:
@@ -155,11 +155,11 @@ def _evaluate(
         return {}
     samples = len(states)
     values = call(mapped(function, samples), states, controls)
-    found = {}
+    arrays = {}
     for value, (name, (rows, cols)) in zip(values, shapes.items(), strict=True):
         shape = (samples, rows, cols) if cols > 1 else (samples, rows) if rows > 1 else (samples,)
-        found[name] = value.reshape(shape)
-    return found
+        arrays[name] = value.reshape(shape)
+    return arrays
 
 
 def _least_singular_value(matrices: Array) -> Array:

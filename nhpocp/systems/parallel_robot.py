@@ -228,12 +228,12 @@ class ParallelRobot(System):
         return xp.rows([self.velocity(state, axis) for axis in axes]).T
 
     def invariants(self, state: Array) -> dict[str, tuple[Array, float | None]]:
-        found: dict[str, tuple[Array, float | None]] = {}
+        held: dict[str, tuple[Array, float | None]] = {}
         for i, leg in enumerate(self.legs, 1):
             if "holonomic" in leg.constraint_kinds:
                 values = leg.invariants(leg.pose(*self.pose(state)))
-                found |= {f"leg {i}: {name}": value for name, value in values.items()}
-        return found
+                held |= {f"leg {i}: {name}": value for name, value in values.items()}
+        return held
 
     # --- what it shows ---
 
@@ -283,7 +283,7 @@ class ParallelRobot(System):
                 for name, axis in (("w3", pose.w3), ("w4", pose.w4)):
                     lines[f"{name} {i}"] = xp.rows([pose.b - 0.5 * reach * axis, pose.b + 0.5 * reach * axis])
             solids |= self._solids(i, leg, pose, lines)
-        drawn = {name: xp.rows(found) for name, found in points.items() if found}
+        drawn = {name: xp.rows(places) for name, places in points.items() if places}
         return {"lines": lines, "points": drawn, "solids": solids}
 
     def _solids(self, number: int, leg: Leg, pose: LegPose, lines: Mapping[str, Array]) -> dict[str, Any]:
@@ -291,19 +291,19 @@ class ParallelRobot(System):
         xp, size = namespace(pose.a), self.default_length_scale()
         radius = (0.11 if pose.r is None else 0.2) * size
         turned = xp.eye(3) if pose.w3 is None else xp.rows([pose.g, pose.w3, cross(pose.g, pose.w3)]).T
-        found: dict[str, Any] = {f"sphere {number}": ball(pose.a, turned, radius, *JOINTS)}
+        solids: dict[str, Any] = {f"sphere {number}": ball(pose.a, turned, radius, *JOINTS)}
         if not leg.pinned:
-            found[f"leg {number}"] = rod(pose.a, pose.b, 0.07 * size)
+            solids[f"leg {number}"] = rod(pose.a, pose.b, 0.07 * size)
             if leg.w4 is None:
-                found[f"head {number}"] = ball(pose.b, turned, 0.09 * size)
+                solids[f"head {number}"] = ball(pose.b, turned, 0.09 * size)
         if pose.r is not None and leg.joint != "universal":
             outwards = -pose.g if leg.joint == "suslov" else xp.array([pose.a[0], pose.a[1], 0.0])
-            found[f"roller {number}"] = roller(pose.a, pose.r, outwards, radius)
-            found[f"r {number}"] = rod(pose.a, pose.a + 1.7 * radius * pose.r, 0.03 * size)
+            solids[f"roller {number}"] = roller(pose.a, pose.r, outwards, radius)
+            solids[f"r {number}"] = rod(pose.a, pose.a + 1.7 * radius * pose.r, 0.03 * size)
         for name in (f"w3 {number}", f"w4 {number}"):
             if name in lines:
-                found[name] = rod(lines[name][0], lines[name][1], 0.035 * size)
-        return found
+                solids[name] = rod(lines[name][0], lines[name][1], 0.035 * size)
+        return solids
 
 
 def leg_data(leg: Leg, declared: Mapping[str, Parameter]) -> dict[str, Any]:

@@ -246,7 +246,7 @@ class System(Frozen):
         return self.breaking()
 
     def actuated(self) -> tuple[System, Callable[[Array, Array], Array]] | None:
-        """The same motions as the actuators make them: that system, and (x, control) ↦ its input.
+        """This system's motions as the actuators make them: their system, and (x, control) ↦ its input.
 
         None where this system's own inputs are the actuators', or nothing is known of any.
         """
