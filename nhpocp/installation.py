@@ -16,9 +16,9 @@ from nhpocp.solvers.nlp.optimizers import LINEAR_SOLVERS
 def diagnose() -> dict[str, Any]:
     """Versions and the parts that were found by asking for them; linear solvers by solving with them."""
     with Interruption() as interruption:
-        found = _parts()
+        parts = _parts()
         interruption.check()  # CasADi makes a failure of it, which is none of the solver's
-    return found
+    return parts
 
 
 def _parts() -> dict[str, Any]:
@@ -47,7 +47,7 @@ def _solves(linear_solver: str) -> bool:
     }
     try:
         solver = ca.nlpsol("tried", "ipopt", {"x": x, "f": ca.sumsqr(x), "g": ca.sum1(x)}, options)
-        found = solver(x0=0, lbg=1, ubg=1)
+        optimum = solver(x0=0, lbg=1, ubg=1)
     except RuntimeError:
         return False
-    return bool(solver.stats()["success"]) and abs(float(found["f"]) - 0.5) < 1e-6
+    return bool(solver.stats()["success"]) and abs(float(optimum["f"]) - 0.5) < 1e-6

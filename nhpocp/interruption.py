@@ -93,9 +93,8 @@ class Interruption:
         self._signals += not reminder
         if not self._reminded:
             self._reminded = True
-            _thread.start_new_thread(
-                self._remind, ()
-            )  # `threading` holds locks that a handler may not wait for
+            # `threading` holds locks that a handler may not wait for
+            _thread.start_new_thread(self._remind, ())
         if (reminder or self._signals > 1) and not self._is_patient():
             self._raised = True
             raise KeyboardInterrupt

@@ -118,15 +118,15 @@ def peak_memory() -> float | None:
 
 def free_memory() -> float | None:
     """Bytes that this process may still take, where the operating system (Linux) says so."""
-    found = []
+    limits = []
     with suppress(OSError, ValueError, IndexError):
         lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
-        found += [1024.0 * int(line.split()[1]) for line in lines if line.startswith("MemAvailable")]
+        limits += [1024.0 * int(line.split()[1]) for line in lines if line.startswith("MemAvailable")]
     with suppress(OSError, ValueError):  # a container's own limit
         group = Path("/sys/fs/cgroup")
         limit, used = ((group / f"memory.{name}").read_text(encoding="ascii") for name in ("max", "current"))
-        found.append(float(int(limit) - int(used)))
-    return min(found, default=None)
+        limits.append(float(int(limit) - int(used)))
+    return min(limits, default=None)
 
 
 def afford(size: float, what: str) -> None:

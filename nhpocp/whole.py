@@ -149,8 +149,7 @@ def sweep(place: Path, remove: Callable[[Path], Any] | None = None) -> None:
 
 def _is_our_folder(entry: os.DirEntry[str]) -> bool:
     """Nothing is restored or deleted through a link, or for somebody else."""
-    found = entry.is_dir(follow_symlinks=False)
-    return found and entry.stat(follow_symlinks=False).st_uid == os.geteuid()
+    return entry.is_dir(follow_symlinks=False) and entry.stat(follow_symlinks=False).st_uid == os.geteuid()
 
 
 def _sweep(left: Bench, place: Path, remove: Callable[[Path], Any] | None) -> None:

@@ -53,7 +53,7 @@ def status(arguments: Sequence[str]) -> int:
     as_json, debug = "--json" in arguments, "--debug" in arguments
     try:
         with _stopped_alike():
-            found = cli.main(args=list(arguments), prog_name="nhpocp", standalone_mode=False)
+            returned = cli.main(args=list(arguments), prog_name="nhpocp", standalone_mode=False)
         sys.stdout.flush()
     except click.ClickException as error:
         error.show(words := io.StringIO())
@@ -84,7 +84,7 @@ def status(arguments: Sequence[str]) -> int:
         message = error.strerror or str(error)
         say(f"{place}: {message}" if place else message)
         return _answer(as_json, error_data(error, file=place, message=message), BAD_INPUT)
-    return found if isinstance(found, int) else SOLVED
+    return returned if isinstance(returned, int) else SOLVED
 
 
 @contextmanager
@@ -113,7 +113,7 @@ def _as_ctrl_c(number: int, frame: FrameType | None) -> None:
 
 
 def _answer(as_json: bool, data: Any, status: int) -> int:
-    """The same in JSON where that was asked for, if standard output takes it."""
+    """The exit status, after the data in JSON where that was asked for, if standard output takes it."""
     try:
         if as_json:
             put(data)

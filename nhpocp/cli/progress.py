@@ -172,8 +172,8 @@ class Panel:
 
 def _figures(record: Mapping[str, Any]) -> list[str]:
     names = FIGURES["nlp" if "objective" in record else "jacobian"]
-    found = {word: record.get(name) for name, word in names.items()}
-    return [f"{word} {value:.4g}" for word, value in found.items() if value is not None]
+    figures = {word: record.get(name) for name, word in names.items()}
+    return [f"{word} {value:.4g}" for word, value in figures.items() if value is not None]
 
 
 def _fitting(parts: Sequence[str], width: int, gap: str = "  ") -> str:

@@ -90,10 +90,10 @@ def _is_schema(path: Path) -> bool:
     from nhpocp.problem_file.document import read_file
 
     try:
-        found = json.loads(read_file(path))
+        content = json.loads(read_file(path))
     except (ValueError, RecursionError):
         return False
-    return isinstance(found, dict) and found.get("$id") == SCHEMA
+    return isinstance(content, dict) and content.get("$id") == SCHEMA
 
 
 def _write(path: Path, text: str, *, new: bool = False) -> None:

@@ -96,9 +96,9 @@ def _times(solution: Solution) -> list[str]:
 
 
 def _console() -> Console:
-    found = console()
-    found.width = min(found.width, WIDEST)
-    return found
+    narrow = console()
+    narrow.width = min(narrow.width, WIDEST)
+    return narrow
 
 
 def _outcome(outcome: str) -> Any:

@@ -60,7 +60,7 @@ def tell(text: str) -> None:
 
 def visible(text: str) -> str:
     """A text with its control sequences spelt out: read from a file they would be the file's to command with."""
-    return _CONTROLS.sub(lambda found: ascii(found[0])[1:-1], text)
+    return _CONTROLS.sub(lambda match: ascii(match[0])[1:-1], text)
 
 
 def console(*, error: bool = False) -> Console:
@@ -86,9 +86,8 @@ def put(data: Any) -> None:
         text.encode(getattr(sys.stdout, "encoding", None) or "utf-8")
     except UnicodeEncodeError:
         text = json.dumps(data, indent=1, allow_nan=False)
-    spelt = _CONTROLS.sub(
-        lambda found: f"\\u{ord(found[0]):04x}", text
-    )  # JSON itself spells out but some of them
+    # JSON itself spells out but some of them
+    spelt = _CONTROLS.sub(lambda match: f"\\u{ord(match[0]):04x}", text)
     _write_whole(spelt + "\n")
 
 
@@ -110,8 +109,8 @@ def _write_whole(text: str) -> None:
 
 def error_data(error: BaseException, **known: Any) -> dict[str, Any]:
     """The JSON form of an error; what it does not know itself may be given."""
-    found = {name: getattr(error, name, None) for name in ("file", "line", "column", "path", "message")}
-    return {"error": {**found, "message": found["message"] or str(error), **known}}
+    stated = {name: getattr(error, name, None) for name in ("file", "line", "column", "path", "message")}
+    return {"error": {**stated, "message": stated["message"] or str(error), **known}}
 
 
 def verdict_lines(verdict: Verdict) -> list[str]:

@@ -102,30 +102,30 @@ def verify(folder: Path, as_json: bool) -> int:
     """
     from nhpocp.solution_folder import audit
 
-    found = audit(folder)
-    verdict = found.verdict
+    audited = audit(folder)
+    verdict = audited.verdict
     if as_json:
         from nhpocp.solution_folder import plain
 
         put(
             {
                 "folder": str(folder),
-                "outcome": found.stated.outcome.value,
+                "outcome": audited.stated.outcome.value,
                 "verified": plain(verdict.to_json()),
-                "differences": found.differences,
-                "unchecked": found.unchecked,
+                "differences": audited.differences,
+                "unchecked": audited.unchecked,
             }
         )
     else:
-        differs = " what is stated here differs" if found.differences else ""
+        differs = " what is stated here differs" if audited.differences else ""
         tell(f"{folder}: {'verified' if verdict.ok else 'refuted'}{';' + differs if differs else ''}")
         for line in verdict_lines(verdict):
             tell(line)
-        for difference in found.differences:
+        for difference in audited.differences:
             tell(f"  differs: {difference}")
-        for sentence in found.unchecked:
+        for sentence in audited.unchecked:
             tell(f"  not checked: {sentence}")
-    return SOLVED if found.ok else NOT_SOLVED
+    return SOLVED if audited.ok else NOT_SOLVED
 
 
 @cli.command()
@@ -136,15 +136,15 @@ def check(files: tuple[Path, ...], overrides: tuple[str, ...], as_json: bool) ->
     """Validate problem files; solve nothing."""
     from nhpocp.problem_file import read
 
-    found, failures = [], []
+    checked, failures = [], []
     for file in files:
         try:
             document = read(file, overrides)
         except InvalidProblemError as error:
             failures.append(error)
-            found.append({"file": str(file), "ok": False, **error_data(error)})
+            checked.append({"file": str(file), "ok": False, **error_data(error)})
             continue
-        found.append(
+        checked.append(
             {"file": str(file), "ok": True, "warnings": document.warnings, "problem": document.filled()}
         )
         for line in document.warning_lines():
@@ -155,9 +155,9 @@ def check(files: tuple[Path, ...], overrides: tuple[str, ...], as_json: bool) ->
         say(str(failure))
     if as_json:
         if failures:
-            put({**error_data(failures[0]), "files": found})
+            put({**error_data(failures[0]), "files": checked})
         else:
-            put(found[0] if len(found) == 1 else {"files": found})
+            put(checked[0] if len(checked) == 1 else {"files": checked})
     return BAD_INPUT if failures else SOLVED
 
 
@@ -188,13 +188,13 @@ def systems(as_json: bool) -> int:
     from nhpocp.problem_file import systems as listing
     from nhpocp.problem_file.registry import every_class
 
-    found = listing()
+    models = listing()
     for complaint in every_class()[1]:
         say(complaint)
     if as_json:
-        put(found)
+        put(models)
         return SOLVED
-    for name, entry in found.items():
+    for name, entry in models.items():
         states, inputs = (", ".join(_block(block) for block in entry[part]) for part in ("states", "inputs"))
         tell(f"{name}: state {states}; input {inputs}")
         for parameter, default in entry["defaults"].items():
@@ -228,11 +228,11 @@ def doctor(clear_cache: bool, as_json: bool) -> int:
         say(f"{clear()} kernels removed from the cache")
     from nhpocp.installation import diagnose
 
-    found = diagnose()
+    facts = diagnose()
     if as_json:
-        put(found)
+        put(facts)
     else:
-        for name, value in found.items():
+        for name, value in facts.items():
             if isinstance(value, dict):
                 value = [f"{part} {entry}" for part, entry in value.items()]
             shown = ", ".join(value) if isinstance(value, list) else value
@@ -283,19 +283,19 @@ def compare(
         tasks: dict[str, str] = {}
         missing: list[str] = []
         if stored:
-            found = load_comparison(files)
+            comparison = load_comparison(files)
         else:
-            found, tasks, missing = _compared(files, variants, overrides, output, as_json)
+            comparison, tasks, missing = _compared(files, variants, overrides, output, as_json)
         interruption.patient = True
         with progress(as_json, "writing the report"):
-            written = write_comparison(found, output, _report, _animation, missing)
+            written = write_comparison(comparison, output, _report, _animation, missing)
         for warning in written.missing:
             say(f"warning: {warning}")
         if as_json:
-            put({**found.to_json(), "warnings": [*found.notes, *written.missing]})
+            put({**comparison.to_json(), "warnings": [*comparison.notes, *written.missing]})
         else:
-            comparison_lines(found, written.files, tasks)
-    return SOLVED if found.all_converged else NOT_SOLVED
+            comparison_lines(comparison, written.files, tasks)
+    return SOLVED if comparison.all_converged else NOT_SOLVED
 
 
 def _report(comparison: Comparison, file: Path, animations: Mapping[str, str]) -> None:
