@@ -1,4 +1,4 @@
-"""The same task as a nonlinear programme: direct shooting, solved by IPOPT or fatrop.
+"""The task as a nonlinear programme: direct shooting, solved by IPOPT or fatrop.
 
 Begin with `multiple_shooting`, the solver; `shooting_run` is one start, `transcription` its variables, rows and
 derivatives, `interval` one stage of them, `optimizers` the one place that knows an optimizer's options and words.

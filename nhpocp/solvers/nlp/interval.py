@@ -79,10 +79,8 @@ class Interval:
 
     def _shot(self) -> Shot:
         system, space = self.system, self.system.state_space
-        z, y = (
-            ca.SX.sym("z", self.dimension),
-            ca.SX.sym("y", space.size + 1),
-        )  # the state, then the cost so far
+        z = ca.SX.sym("z", self.dimension)
+        y = ca.SX.sym("y", space.size + 1)  # the state, then the cost so far
         s = ca.SX.sym("s", self.statics + self.controls)
         here, there = ca.SX.sym("here", space.size), ca.SX.sym("there", space.size)
         interval, step = ca.SX.sym("interval"), ca.SX.sym("step")
@@ -234,10 +232,10 @@ class Interval:
         """
         system, scale, expressions, columns = self.system, self.kind.scale, [], []
         for number, bound in enumerate(self.bounds, len(UNITS)):
-            found = bound_rows(bound, system, state, control, scale)
-            places = np.full((self.steps + 1, len(found)), -1)
+            of_bound = bound_rows(bound, system, state, control, scale)
+            places = np.full((self.steps + 1, len(of_bound)), -1)
             for j in range(self.steps + 1):
-                for i, (name, expression, lower, upper) in enumerate(found):
+                for i, (name, expression, lower, upper) in enumerate(of_bound):
                     of_pose = not ca.depends_on(ca.SX(expression), chosen)
                     if j == 0 and of_pose:
                         continue
@@ -246,7 +244,7 @@ class Interval:
                     places[j, i] = self.nodes + len(self.rows)
                     self.rows.append(StatedRow(name, lower, upper, j / self.steps, number, of_pose))
             columns.append(places)
-            expressions += [expression / units[number] for _, expression, _, _ in found]
+            expressions += [expression / units[number] for _, expression, _, _ in of_bound]
         return np.hstack([np.zeros((self.steps + 1, 0), dtype=int), *columns]), expressions
 
 

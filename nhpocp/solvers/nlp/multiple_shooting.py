@@ -27,9 +27,8 @@ from nhpocp.solvers.nlp.shooting_run import Run
 from nhpocp.solvers.nlp.single_shooting import SingleShooting
 from nhpocp.solvers.nlp.transcription import Transcription
 
-PATIENCE = (
-    200  # iterations, or a quarter of those allowed, after which another guess is likelier to lead somewhere
-)
+# iterations, or a quarter of those allowed, after which another guess is likelier to lead somewhere
+PATIENCE = 200
 
 
 @dataclass(frozen=True)
@@ -101,9 +100,9 @@ class MultipleShooting:
         if self.mesh_check and best.outcome is Outcome.CONVERGED and best.details.get("certified", True):
             began = perf_counter()
             told = telling(progress, way=f"mesh check with {2 * self.intervals} intervals")
-            found = mesh_check(self, problem, best, told)
-            found = {"mesh_check": found, "mesh_check_s": perf_counter() - began}
-            best = replace(best, details={**best.details, **found})
+            change = mesh_check(self, problem, best, told)
+            checked = {"mesh_check": change, "mesh_check_s": perf_counter() - began}
+            best = replace(best, details={**best.details, **checked})
         return best
 
     def _from_starts(self, problem: PlanningProblem, progress: Progress | None) -> Iterator[Solution]:
@@ -219,14 +218,14 @@ def _reached(plan: Solution, why: str) -> Solution:
 def _taken_over(failed: Solution, plan: Solution) -> Solution | None:
     """A guess that reaches the goal within every bound, where no optimum was found: what there is, in true words."""
     problem = failed.problem
-    kept = all(r.ok for r in check_bounds(problem.bounds, plan.trajectory["t"], plan.trajectory))
-    if problem.horizon.free or not kept or not plan.final_error <= failed.tolerance:
+    within = all(r.ok for r in check_bounds(problem.bounds, plan.trajectory["t"], plan.trajectory))
+    if problem.horizon.free or not within or not plan.final_error <= failed.tolerance:
         return None
     cost = plan.costs.get(problem.objective)
     details = {**failed.details, "guess": "jacobian", "objective_value": cost}
     for name in ("costates", "optimality"):
         details.pop(name, None)
-    found = replace(
+    taken = replace(
         failed,
         final_error=plan.final_error,
         control=plan.control,
@@ -234,7 +233,7 @@ def _taken_over(failed: Solution, plan: Solution) -> Solution | None:
         costs=plan.costs,
         details=details,
     )
-    return _reached(found, ": this is the guess, over the problem's own basis")
+    return _reached(taken, ": this is the guess, over the problem's own basis")
 
 
 def _rank(solution: Solution) -> tuple[bool, bool, float]:
@@ -285,7 +284,7 @@ def mesh_check(
     """
     finer = replace(solver, intervals=2 * solver.intervals, mesh_check=False).solve(problem, progress)
     coarse, fine = _objective(solution), _objective(finer)
-    found = {"intervals": 2 * solver.intervals, "objective_value": fine, "outcome": finer.outcome.value}
+    change = {"intervals": 2 * solver.intervals, "objective_value": fine, "outcome": finer.outcome.value}
     if finer.outcome is Outcome.CONVERGED:
-        found |= {"change": fine - coarse, "richardson": fine + (fine - coarse) / 3}
-    return found
+        change |= {"change": fine - coarse, "richardson": fine + (fine - coarse) / 3}
+    return change

@@ -170,7 +170,7 @@ class Ipopt:
             if callback:
                 callback.history = lambda: solver.stats().get("iterations", {})
             try:
-                found = _call(solver, start, *_ranges(programme), multipliers)
+                solution = _call(solver, start, *_ranges(programme), multipliers)
             finally:
                 if callback:  # two that hold each other would never be freed
                     callback.history = dict
@@ -182,7 +182,7 @@ class Ipopt:
         outcome = ENDINGS.get(status, Outcome.SOLVER_ERROR)
         # where IPOPT never started it has no history, and its count is garbage
         count = int(stats["iter_count"]) if stats.get("iterations") else 0
-        return _optimum(programme, found, stats, outcome, status, count, log)
+        return _optimum(programme, solution, stats, outcome, status, count, log)
 
 
 @dataclass(frozen=True)
@@ -225,20 +225,19 @@ class Fatrop:
                 },
             },
         )
-        found = _call(
-            solver, start, programme.lower, programme.upper, None
-        )  # its warm start was slower than its cold one
+        # its warm start was slower than its cold one
+        solution = _call(solver, start, programme.lower, programme.upper, None)
         stats = solver.stats()
         if stats["success"]:
             outcome = Outcome.CONVERGED
-        elif not np.isfinite(np.array(found["x"])).all():
+        elif not np.isfinite(np.array(solution["x"])).all():
             outcome = Outcome.NOT_FINITE
         elif stats["iter_count"] >= self.max_iterations:
             outcome = Outcome.ITERATION_LIMIT
         else:
             outcome = Outcome.INFEASIBLE
         status = str(stats.get("unified_return_status", stats["return_status"]))
-        return _optimum(programme, found, stats, outcome, status, int(stats["iter_count"]), "")
+        return _optimum(programme, solution, stats, outcome, status, int(stats["iter_count"]), "")
 
 
 class _Callback(ca.Callback):
@@ -276,8 +275,8 @@ def _call(
     solver: ca.Function, start: Array, lower: Array, upper: Array, multipliers: Array | None
 ) -> dict[str, ca.DM]:
     warm = {} if multipliers is None else {"lam_g0": multipliers}
-    found: dict[str, ca.DM] = solver(x0=start, lbg=lower, ubg=upper, **warm)
-    return found
+    solution: dict[str, ca.DM] = solver(x0=start, lbg=lower, ubg=upper, **warm)
+    return solution
 
 
 def _ranges(programme: Programme) -> tuple[Array, Array]:
@@ -290,7 +289,7 @@ def _ranges(programme: Programme) -> tuple[Array, Array]:
 
 def _optimum(
     programme: Programme,
-    found: Mapping[str, ca.DM],
+    solution: Mapping[str, ca.DM],
     stats: Mapping[str, Any],
     outcome: Outcome,
     status: str,
@@ -300,13 +299,13 @@ def _optimum(
     history = stats.get("iterations") or {}
     records = [_iteration(history, k) for k in range(len(history.get("obj", [])))]
     # evaluated again: an optimizer that gave up early hands back zeros
-    objective, constraints = programme.functions["nlp"](found["x"], [])
+    objective, constraints = programme.functions["nlp"](solution["x"], [])
     if not records:  # fatrop keeps no history
         records = [{"k": count, "error": None, "objective": float(objective)}]
     return Optimum(
-        x=np.array(found["x"]).ravel(),
+        x=np.array(solution["x"]).ravel(),
         objective=float(objective),
-        multipliers=np.array(found["lam_g"]).ravel(),
+        multipliers=np.array(solution["lam_g"]).ravel(),
         constraints=np.array(constraints).ravel(),
         outcome=outcome,
         status=status,

@@ -33,9 +33,8 @@ AT_LIMIT = 1e-3  # of its size: nearer, a row is at its limit
 MOST_STEPS = 16  # per interval
 TIGHTENINGS = 4
 FURTHER = 1.5  # times what breaks a bound between the nodes is what it is moved by
-BETWEEN_NODES = (
-    5e-4  # relative excess of a bound between the nodes that is left alone; verification allows 1e-3
-)
+# relative excess of a bound between the nodes that is left alone; verification allows 1e-3
+BETWEEN_NODES = 5e-4
 
 
 class Asked(Protocol):
@@ -347,13 +346,13 @@ class Run:
         """The first few rows in words: when, and by how much they are broken."""
         excess = _excess(programme, optimum.constraints)
         horizon = programme.unpack(optimum.x).control.horizon
-        found = []
+        listed = []
         for i in places[:3]:
             row = programme.rows[i]
-            found.append(f"{row.name} at t={row.time * horizon:.4g}")
+            listed.append(f"{row.name} at t={row.time * horizon:.4g}")
             if excess[i] > SLIGHT:
-                found[-1] += f" by {excess[i] * row.unit:.3g}"
-        return "; ".join(found)
+                listed[-1] += f" by {excess[i] * row.unit:.3g}"
+        return "; ".join(listed)
 
     def _violated(self, programme: Transcription, optimum: Optimum) -> list[int]:
         """Rows that do not hold, the stated ones first, most violated first."""

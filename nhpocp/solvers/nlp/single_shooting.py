@@ -11,13 +11,12 @@ import numpy as np
 from nhpocp.arrays import Array
 from nhpocp.solvers.nlp.transcription import Guess, Row, Transcription
 
-EXACT_HESSIAN_UP_TO = (
-    40  # unknowns: beyond, differentiating the whole roll-out twice costs more than it saves
-)
+# unknowns: beyond, differentiating the whole roll-out twice costs more than it saves
+EXACT_HESSIAN_UP_TO = 40
 
 
 class SingleShooting(Transcription):
-    """The same intervals as multiple shooting, chained: no node states, no continuity constraints."""
+    """The intervals of multiple shooting, chained: no node states, no continuity constraints."""
 
     def _shape(self) -> None:
         interval, N = self.interval, self.intervals

@@ -104,13 +104,13 @@ class Transcription:
     def meetings(self) -> list[TaskRows]:
         """What the tasks add to single stages, in the order of time: via poses, then the goal's outputs."""
         *via, goal = self.problem.tasks
-        found = []
+        meetings = []
         for task in via:
             stage, offset = place(task.share, self.intervals)
-            found.append(
+            meetings.append(
                 self.interval.meeting(task, stage, offset, self.references[stage], self.intervals, self.units)
             )
-        return found + (
+        return meetings + (
             [self.interval.last_meeting(goal, self.references[-1], self.intervals, self.units)]
             if goal.outputs
             else []
@@ -336,18 +336,18 @@ class Transcription:
 
     def _with_meetings(self, hessians: ca.MX, x: ca.MX, multipliers: ca.MX) -> ca.MX:
         """The Hessians of all stages as one column, the meetings' added; the last node's own, if any, at the end."""
-        found: dict[int, ca.MX] = {}
+        added: dict[int, ca.MX] = {}
         for meeting, first in zip(self.meetings, self._meeting_rows, strict=True):
             mine = multipliers[first : first + meeting.size]
-            share = meeting.hessian(self._variables(meeting, x), meeting.parameters, mine)
-            found[meeting.stage] = found.get(meeting.stage, 0) + share
+            own = meeting.hessian(self._variables(meeting, x), meeting.parameters, mine)
+            added[meeting.stage] = added.get(meeting.stage, 0) + own
         columns, done = [], 0
-        for stage in sorted(k for k in found if k < self.intervals):
+        for stage in sorted(k for k in added if k < self.intervals):
             here = self.stage * stage
-            columns += [hessians[:, done:here], hessians[:, here : here + self.stage] + found[stage]]
+            columns += [hessians[:, done:here], hessians[:, here : here + self.stage] + added[stage]]
             done = here + self.stage
         whole = ca.vec(ca.horzcat(*columns, hessians[:, done:]))
-        return ca.vertcat(whole, ca.vec(found[self.intervals])) if self.intervals in found else whole
+        return ca.vertcat(whole, ca.vec(added[self.intervals])) if self.intervals in added else whole
 
     # --- between vectors and plans ------------------------------------------------------------------------------
 
@@ -387,9 +387,9 @@ class Transcription:
         """T, and by how much faster the controls must be for the same path where T was not within its bounds."""
         if not self.interval.free_horizon:
             return self.problem.horizon.fixed, 1.0
-        found = float(stages[0, self.interval.nodes - 1]) * self.problem.scales.time
-        horizon = self.problem.horizon.kept(found)
-        return horizon, found / horizon if self.problem.system.driftless else 1.0
+        duration = float(stages[0, self.interval.nodes - 1]) * self.problem.scales.time
+        horizon = self.problem.horizon.kept(duration)
+        return horizon, duration / horizon if self.problem.system.driftless else 1.0
 
     def _stages(self, x: Array) -> tuple[Array, Array]:
         """Variables w_k (N, stage) and local coordinates of the nodes (N + 1, dimension) of a vector x."""
