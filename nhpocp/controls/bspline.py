@@ -46,15 +46,15 @@ class BSpline(ControlBasis):
         inner = np.arange(1, self.intervals) / self.intervals
         return horizon * np.concatenate([np.zeros(self.degree + 1), inner, np.ones(self.degree + 1)])
 
-    def _functions(self, share: Array, steps: Sequence[Array]) -> list[Array]:
-        """From those of degree 0, by the recurrence of Cox and de Boor, at shares of the horizon."""
+    def _functions(self, times: Array, steps: Sequence[Array]) -> list[Array]:
+        """From those of degree 0, by the recurrence of Cox and de Boor, at times of a horizon of 1."""
         knots = self.knots(1.0)
         functions: list[Array] = [0.0] * self.degree + list(steps) + [0.0] * self.degree
         for degree in range(1, self.degree + 1):
             widths = knots[degree:] - knots[:-degree]
-            rising = [(share - knot) / w if w > 0 else 0.0 for knot, w in zip(knots, widths, strict=False)]
+            rising = [(times - knot) / w if w > 0 else 0.0 for knot, w in zip(knots, widths, strict=False)]
             falling = [
-                (knot - share) / w if w > 0 else 0.0 for knot, w in zip(knots[degree:], widths, strict=True)
+                (knot - times) / w if w > 0 else 0.0 for knot, w in zip(knots[degree:], widths, strict=True)
             ]
             functions = [
                 rising[i] * functions[i] + falling[i + 1] * functions[i + 1]
@@ -76,16 +76,16 @@ class BSpline(ControlBasis):
         place = np.asarray(self._steps.local_table(times, horizon, side).first)
         return Table(self._local(np.asarray(times, dtype=float) / horizon, place), self.size, place)
 
-    def _local(self, share: Array, place: Array) -> Array:
-        """The functions that are not 0 on the intervals ``place`` (k,), at shares of the horizon, (k, degree + 1)."""
-        knots, functions = self.knots(1.0), np.ones((len(share), 1))
+    def _local(self, times: Array, place: Array) -> Array:
+        """Those that are not 0 on the intervals ``place`` (k,), at times of a horizon of 1, (k, degree + 1)."""
+        knots, functions = self.knots(1.0), np.ones((len(times), 1))
         for degree in range(1, self.degree + 1):  # the recurrence of Cox and de Boor, on one interval
             ends = place[:, None] + self.degree + np.arange(1, degree + 1)
             low, high = knots[ends - degree], knots[ends]
             part = functions / (high - low)
-            functions = np.zeros((len(share), degree + 1))
-            functions[:, :-1] += (high - share[:, None]) * part
-            functions[:, 1:] += (share[:, None] - low) * part
+            functions = np.zeros((len(times), degree + 1))
+            functions[:, :-1] += (high - times[:, None]) * part
+            functions[:, 1:] += (times[:, None] - low) * part
         return functions
 
     def derivative_table(self, times: Array, horizon: float, side: Side = "right") -> Array:

@@ -32,20 +32,22 @@ class PiecewiseConstant(ControlBasis):
         return [f"interval{k}" for k in range(1, self.intervals + 1)]
 
     def values(self, time: Array, horizon: float) -> Array:
-        xp, share = namespace(time), time * self.intervals / horizon
-        ahead = [xp.where(share >= k, 1.0, 0.0) for k in range(1, self.intervals)]
+        xp, position = namespace(time), time * self.intervals / horizon
+        ahead = [xp.where(position >= k, 1.0, 0.0) for k in range(1, self.intervals)]
         return xp.vector([a - b for a, b in zip([1.0, *ahead], [*ahead, 0.0], strict=True)])
 
     def table(self, times: Array, horizon: float, side: Side = "right") -> Array:
         return self.local_table(times, horizon, side).dense()
 
     def local_table(self, times: Array, horizon: float, side: Side = "right") -> Table:
-        share = np.asarray(times, dtype=float) * self.intervals / horizon
-        nearest = np.rint(share)
-        share = np.where(np.abs(share - nearest) < 1e-9, nearest, share)  # a breakpoint up to rounding
-        place = np.floor(share) if side == "right" else np.ceil(share) - 1
+        position = np.asarray(times, dtype=float) * self.intervals / horizon
+        nearest = np.rint(position)
+        position = np.where(
+            np.abs(position - nearest) < 1e-9, nearest, position
+        )  # a breakpoint up to rounding
+        place = np.floor(position) if side == "right" else np.ceil(position) - 1
         place = np.clip(place, 0, self.intervals - 1).astype(int)
-        return Table(np.ones((len(share), 1)), self.intervals, place)
+        return Table(np.ones((len(position), 1)), self.intervals, place)
 
     def derivative_table(self, times: Array, horizon: float, side: Side = "right") -> Array:
         return np.zeros((len(times), self.intervals))

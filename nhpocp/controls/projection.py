@@ -22,6 +22,6 @@ def project(control: Control, basis: ControlBasis) -> Control:
     nodes, weights = np.polynomial.legendre.leggauss(POINTS)
     middles, halves = 0.5 * (knots[1:] + knots[:-1]), 0.5 * np.diff(knots)
     times = (middles[:, None] + halves[:, None] * nodes).ravel()
-    shares = (halves[:, None] * weights).ravel()
-    moments = Samples(basis, horizon, times).transposed(shares[:, None] * control(times))
+    fractions = (halves[:, None] * weights).ravel()
+    moments = Samples(basis, horizon, times).transposed(fractions[:, None] * control(times))
     return Control(basis, Gram.of(basis.gram(horizon)).solve(moments).T, horizon)

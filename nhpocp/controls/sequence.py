@@ -18,7 +18,7 @@ from nhpocp.controls.table import Gram, Table
 
 @dataclass(frozen=True)
 class SequenceBasis(ControlBasis):
-    """The functions of ``bases`` one after another, those of piece i being zero outside its share of [0, T]."""
+    """The functions of ``bases`` one after another, those of piece i being zero outside its fraction of [0, T]."""
 
     bases: tuple[ControlBasis, ...]
     shares: tuple[float, ...]  # of the horizon, adding up to 1
@@ -102,13 +102,15 @@ class SequenceBasis(ControlBasis):
 
     def gram(self, horizon: float) -> Gram:
         parts = zip(self.bases, self.shares, strict=True)
-        grams = [Gram.of(basis.gram(share * horizon)).bands for basis, share in parts]
+        grams = [Gram.of(basis.gram(fraction * horizon)).bands for basis, fraction in parts]
         most = max(len(bands) for bands in grams)
         return Gram(np.hstack([np.pad(bands, ((0, most - len(bands)), (0, 0))) for bands in grams]))
 
     @property
     def oscillations(self) -> float:
-        return max(basis.oscillations / share for basis, share in zip(self.bases, self.shares, strict=True))
+        return max(
+            basis.oscillations / fraction for basis, fraction in zip(self.bases, self.shares, strict=True)
+        )
 
     def breakpoints(self, horizon: float) -> Array:
         knots = self.knots(horizon)
@@ -130,8 +132,8 @@ class SequenceBasis(ControlBasis):
 
     def to_json(self, coefficients: Array, horizon: float) -> dict[str, Any]:
         pieces, first, coefficients = [], 0, np.asarray(coefficients)
-        for basis, share in zip(self.bases, self.shares, strict=True):
-            pieces.append(basis.to_json(coefficients[:, first : first + basis.size], share * horizon))
+        for basis, fraction in zip(self.bases, self.shares, strict=True):
+            pieces.append(basis.to_json(coefficients[:, first : first + basis.size], fraction * horizon))
             first += basis.size
         return {"basis": self.kind, "horizon": horizon, "pieces": pieces}
 

@@ -58,10 +58,10 @@ class EndPointMap(ABC):
         horizon: float,
         start: Array,
         integrator: Integrator,
-        shares: Sequence[float] = (),
+        fractions: Sequence[float] = (),
         along: bool = False,
     ) -> None:
-        """shares: of the horizon, where Jacobians are wanted besides the end; along: of the whole path as well."""
+        """fractions: of the horizon, where Jacobians are wanted besides the end; along: of the whole path as well."""
 
     @abstractmethod
     def __call__(self, coefficients: Array) -> EndPoint:
@@ -81,12 +81,12 @@ class DifferentiatedEndPointMap(EndPointMap):
         horizon: float,
         start: Array,
         integrator: Integrator,
-        shares: Sequence[float] = (),
+        fractions: Sequence[float] = (),
         along: bool = False,
     ) -> None:
-        self._flow = flow_through(system, basis, horizon, integrator, tuple(shares))
+        self._flow = flow_through(system, basis, horizon, integrator, tuple(fractions))
         self._start, self.times = start, self._flow.times
-        self._stops, self._along = stops_of(self.times, shares, horizon), along
+        self._stops, self._along = stops_of(self.times, fractions, horizon), along
 
     def __call__(self, coefficients: Array) -> EndPoint:
         if self._along:
@@ -108,14 +108,14 @@ class VariationalEndPointMap(EndPointMap):
         horizon: float,
         start: Array,
         integrator: Integrator,
-        shares: Sequence[float] = (),
+        fractions: Sequence[float] = (),
         along: bool = False,
     ) -> None:
-        times = grid_through(integrator.grid(basis, horizon), shares, horizon)
+        times = grid_through(integrator.grid(basis, horizon), fractions, horizon)
         self._equations = VariationalEquations(system, basis, horizon, integrator, times)
         self._start, self.times = start, self._equations.flow.times
         self._watched = numeric_system(system).breaking_function
-        self._stops, self._along = stops_of(self.times, shares, horizon), along
+        self._stops, self._along = stops_of(self.times, fractions, horizon), along
 
     def __call__(self, coefficients: Array) -> EndPoint:
         path, jacobians, _ = self._equations.states(self._start, coefficients)
@@ -128,23 +128,23 @@ class VariationalEndPointMap(EndPointMap):
         return self._equations.states(self._start, coefficients)[2]
 
 
-def grid_through(times: Array, shares: Sequence[float], horizon: float) -> Array:
-    """An integrator's grid with these shares of the horizon in it."""
-    wanted = horizon * np.asarray(shares, dtype=float)
+def grid_through(times: Array, fractions: Sequence[float], horizon: float) -> Array:
+    """An integrator's grid with these fractions of the horizon in it."""
+    wanted = horizon * np.asarray(fractions, dtype=float)
     missing = [t for t in wanted if np.abs(times - t).min() > 1e-9 * horizon]
     return np.sort(np.concatenate([times, missing])) if missing else times
 
 
-def stops_of(times: Array, shares: Sequence[float], horizon: float) -> tuple[int, ...]:
-    """Places of the shares, and of the end, in a grid that goes through them."""
-    inner = [int(np.abs(times - share * horizon).argmin()) for share in shares]
+def stops_of(times: Array, fractions: Sequence[float], horizon: float) -> tuple[int, ...]:
+    """Places of the fractions, and of the end, in a grid that goes through them."""
+    inner = [int(np.abs(times - fraction * horizon).argmin()) for fraction in fractions]
     return (*inner, len(times) - 1)
 
 
 @kept(most=32)  # solves of a sweep differ in start and goal only
 def flow_through(
-    system: System, basis: ControlBasis, horizon: float, integrator: Integrator, shares: tuple[float, ...]
+    system: System, basis: ControlBasis, horizon: float, integrator: Integrator, fractions: tuple[float, ...]
 ) -> Flow:
-    """The flow over the integrator's grid through these shares."""
-    times = grid_through(integrator.grid(basis, horizon), shares, horizon)
+    """The flow over the integrator's grid through these fractions."""
+    times = grid_through(integrator.grid(basis, horizon), fractions, horizon)
     return integrator.flow(dynamics(system), basis, horizon, times)

@@ -89,8 +89,8 @@ class Bundle(NamedTuple):
     @classmethod
     def trial(cls, start: Array, grid: Grid, coefficients: Array, number: int) -> Bundle:
         """So many paths under controls near a given one, which may be nothing, and no two alike."""
-        shares = APART * (1.0 + np.arange(number)[:, None, None])
-        return cls(start, grid, (1.0 + shares) * coefficients + shares, True)
+        fractions = APART * (1.0 + np.arange(number)[:, None, None])
+        return cls(start, grid, (1.0 + fractions) * coefficients + fractions, True)
 
 
 class Ends(NamedTuple):

@@ -63,10 +63,10 @@ class LeastSquares:
         began, horizon = perf_counter(), problem.horizon.fixed
         records: list[dict[str, Any]] = []
         chosen: dict[str, Any] = {} if self.kernels is None else {"kernels": self.kernels}
-        shares = [task.share for task in problem.tasks[:-1]]
+        fractions = [task.share for task in problem.tasks[:-1]]
         integrator = RungeKutta4(steps=self.given.steps, **chosen)
         ends = DifferentiatedEndPointMap(
-            problem.system, problem.basis, horizon, problem.start_point, integrator, shares
+            problem.system, problem.basis, horizon, problem.start_point, integrator, fractions
         )
         first = initial_coefficients(problem, ends, self.given.seed)
         units = np.repeat(problem.scales.inputs, problem.basis.size)

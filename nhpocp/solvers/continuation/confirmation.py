@@ -57,10 +57,10 @@ def begun_from(problem: PlanningProblem, control: Control) -> PlanningProblem:
 
 def missed(problem: PlanningProblem, control: Control, integrator: Integrator) -> float:
     """E over goal and via poses, with finer steps than a claim's."""
-    shares, horizon = tuple(task.share for task in problem.tasks[:-1]), control.horizon
-    flow = flow_through(problem.system, control.basis, horizon, finer(integrator), shares)
+    fractions, horizon = tuple(task.share for task in problem.tasks[:-1]), control.horizon
+    flow = flow_through(problem.system, control.basis, horizon, finer(integrator), fractions)
     path = flow.states(problem.start_point, control.coefficients)
-    return total_error(problem.tasks, path[list(stops_of(flow.times, shares, horizon))])
+    return total_error(problem.tasks, path[list(stops_of(flow.times, fractions, horizon))])
 
 
 def missed_by_each(

@@ -205,17 +205,17 @@ class StraightGuess:
 
     def control(self, problem: PlanningProblem, horizon: float, seed: int) -> Control:
         system, space = problem.system, problem.system.state_space
-        shares, points = waypoints(problem)
+        fractions, points = waypoints(problem)
         controls = []
-        for share in (np.arange(self.pieces) + 0.5) / self.pieces:
-            leg = int(np.searchsorted(shares, share)) - 1
-            span = shares[leg + 1] - shares[leg]
+        for fraction in (np.arange(self.pieces) + 0.5) / self.pieces:
+            leg = int(np.searchsorted(fractions, fraction)) - 1
+            span = fractions[leg + 1] - fractions[leg]
             tangent = np.asarray(_geodesic(space, points[leg + 1], points[leg]))
-            state = np.asarray(space.retract(points[leg], (share - shares[leg]) / span * tangent))
+            state = np.asarray(space.retract(points[leg], (fraction - fractions[leg]) / span * tangent))
             fields, drift = np.asarray(system.vector_fields(state)), np.asarray(system.drift(state))
             if not (np.isfinite(fields).all() and np.isfinite(drift).all()):
                 raise NoGuessError(
-                    f"the equations are undefined at {share:.3g} of the straight line to the goal",
+                    f"the equations are undefined at {fraction:.3g} of the straight line to the goal",
                     Outcome.NOT_FINITE,
                     "solvers.nlp.initial",
                 )
@@ -237,23 +237,23 @@ def waypoints(problem: PlanningProblem) -> tuple[Array, Array]:
             Outcome.NOT_REACHED,
             "solvers.nlp.initial",
         )
-    shares = np.array([0.0, *(task.share for task in tasks)])
+    fractions = np.array([0.0, *(task.share for task in tasks)])
     columns = {}
     for block in space.blocks:
         alone = StateSpace([block])
         wanted = [problem.start[block.name], *(task.values.get(block.name) for task in tasks)]
         fixed = [i for i, value in enumerate(wanted) if value is not None]
         values = [np.asarray(alone.pack({block.name: problem.start[block.name]}))]
-        for i in range(1, len(shares)):
+        for i in range(1, len(fractions)):
             later = [j for j in fixed if j >= i]
             if not later:
                 values.append(values[-1])
                 continue
             target = np.asarray(alone.pack({block.name: wanted[later[0]]}))
-            part = (shares[i] - shares[i - 1]) / (shares[later[0]] - shares[i - 1])
+            part = (fractions[i] - fractions[i - 1]) / (fractions[later[0]] - fractions[i - 1])
             values.append(np.asarray(alone.retract(values[-1], part * _geodesic(alone, target, values[-1]))))
         columns[block.name] = np.array(values)
-    return shares, np.hstack([columns[name] for name in space.names])
+    return fractions, np.hstack([columns[name] for name in space.names])
 
 
 def _geodesic(space: StateSpace, point: Array, origin: Array) -> Array:

@@ -40,7 +40,7 @@ class StatedRow:
     name: str
     lower: float  # in the quantity's own unit, which the NLP does not see
     upper: float
-    share: float  # of the interval
+    fraction: float  # of the interval
     unit: int  # where what counts as 1 in it stands among the units
     of_pose: bool  # whatever the control
 
@@ -62,8 +62,8 @@ class Interval:
     """One shooting interval, symbolically: the same for every k, N and unit, which enter through parameters.
 
     ``shot``: its functions of w_k = (z_k, c, u_k), numbers without unit. The constants of its parameters are
-    the reference poses at its ends, the lengths of an interval and of a step, shares of the horizon where that is free,
-    else times, and what counts as 1 (`units_of`).
+    the reference poses at its ends, the lengths of an interval and of a step, fractions of the horizon where that is
+    free, else times, and what counts as 1 (`units_of`).
     """
 
     def __init__(self, system: System, kind: Kind) -> None:
@@ -143,17 +143,17 @@ class Interval:
         space, size = self.system.state_space, self.basis.size if self.basis else 0
         w, here = ca.SX.sym("w", self.nodes + self.controls), ca.SX.sym("here", space.size)
         z, s = w[: self.dimension, :], w[self.dimension :, :]
-        shares = stage_times(offset, self.steps)
-        tables = ca.SX.sym("phi", size, len(shares))
+        fractions = stage_times(offset, self.steps)
+        tables = ca.SX.sym("phi", size, len(fractions))
         phi = ca.horzsplit(tables)
         length = (1.0 if self.free_horizon else self.kind.horizon.fixed) / intervals
         y = self.shot.opened(z, s, ca.vertcat(here, here, 0, 0, units), phi[0])
-        for j in range(0, len(shares) - 1, 2):
-            constants = ca.vertcat(here, here, length, (shares[j + 2] - shares[j]) * length, units)
+        for j in range(0, len(fractions) - 1, 2):
+            constants = ca.vertcat(here, here, length, (fractions[j + 2] - fractions[j]) * length, units)
             y = self.shot.step(y, s, constants, phi[j : j + 3])
         parameters = [reference]
         if self.basis:
-            parameters.append(basis_table(self.basis, (stage + shares) / intervals).ravel())
+            parameters.append(basis_table(self.basis, (stage + fractions) / intervals).ravel())
         labels = [*(space.tangent_labels[i] for i in task.rows), *task.output_labels]
         return TaskRows(
             stage=stage,

@@ -17,10 +17,10 @@ def kkt_residuals(programme: Any, x: Array, multipliers: Array) -> dict[str, flo
     optimizer was given, and no kernel); feasibility: what g exceeds its bounds by; complementarity: λ times the slack
     of g.
     """
-    vector, weights = ca.MX.sym("x", programme.size), ca.MX.sym("lam", len(multipliers))
-    f, g = programme.nlp(vector, ca.MX(0, 1))
-    lagrangian = ca.gradient(f + ca.dot(weights, g), vector)
-    values = ca.Function("kkt", [vector, weights], [lagrangian, g])(x, multipliers)
+    unknowns, weights = ca.MX.sym("x", programme.size), ca.MX.sym("lam", len(multipliers))
+    f, g = programme.nlp(unknowns, ca.MX(0, 1))
+    lagrangian = ca.gradient(f + ca.dot(weights, g), unknowns)
+    values = ca.Function("kkt", [unknowns, weights], [lagrangian, g])(x, multipliers)
     gradient, constraints = (np.array(value).ravel() for value in values)
     outside = np.maximum(programme.lower - constraints, constraints - programme.upper)
     towards = np.where(multipliers > 0, programme.upper - constraints, constraints - programme.lower)

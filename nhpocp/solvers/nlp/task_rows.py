@@ -18,7 +18,7 @@ class TaskRows:
     """Equations 0 = rows(w; p) of one stage's variables w, with parameters p."""
 
     stage: int  # k, or the number of intervals for the last node
-    time: float  # share of the horizon
+    time: float  # fraction of the horizon
     names: list[str]
     w: ca.SX
     p: ca.SX
@@ -47,9 +47,9 @@ class TaskRows:
         return ca.Function("meeting_hess", [self.w, self.p, multipliers], [ca.densify(hessian)])
 
 
-def place(share: float, intervals: int) -> tuple[int, float]:
-    """The interval in which a share of the horizon lies, and where in it, in [0, 1); a node up to rounding is one."""
-    position = share * intervals
+def place(fraction: float, intervals: int) -> tuple[int, float]:
+    """The interval in which a fraction of T lies, and where in it, in [0, 1); a node up to rounding is one."""
+    position = fraction * intervals
     if abs(position - round(position)) < 1e-9 * intervals:
         return round(position), 0.0
     return int(position), position - int(position)
@@ -58,7 +58,7 @@ def place(share: float, intervals: int) -> tuple[int, float]:
 def stage_times(offset: float, steps: int) -> Array:
     """Start, middle and end of every step that leads to ``offset`` in an interval of ``steps``, the last cut short.
 
-    (2 n + 1,): shares of the interval; the end of one step is the start of the next.
+    (2 n + 1,): fractions of the interval; the end of one step is the start of the next.
     """
     whole = int(offset * steps + 1e-9)
     knots = np.arange(whole + 1) / steps
@@ -68,7 +68,7 @@ def stage_times(offset: float, steps: int) -> Array:
 
 
 def basis_table(basis: ControlBasis, times: Sequence[float] | Array) -> Array:
-    """φ at shares of the horizon, the last seen from the left: what the steps of one interval need."""
+    """φ at fractions of the horizon, the last seen from the left: what the steps of one interval need."""
     table = basis.table(np.asarray(times), 1.0)
     if len(times) > 1:
         table[-1] = basis.table(np.asarray(times[-1:]), 1.0, "left")[0]

@@ -49,7 +49,7 @@ class Row:
     name: str
     lower: float
     upper: float
-    time: float  # share of the horizon
+    time: float  # fraction of the horizon
     stated: bool = False  # by the problem file, not by the transcription
     unit: float = 1.0  # what counts as 1 in it: the bounds are in multiples of it
 
@@ -144,10 +144,10 @@ class Transcription:
         columns = [np.array([self.interval.constants(*pair, self.intervals, self.units) for pair in pairs]).T]
         if self.basis:
             edges = np.linspace(0.0, 1.0, self.intervals + 1)
-            shares = np.linspace(0.0, 1.0, 2 * self.steps + 1)
+            fractions = np.linspace(0.0, 1.0, 2 * self.steps + 1)
             tables = []
             for low, high in pairwise(edges):
-                tables.append(basis_table(self.basis, low + (high - low) * shares).ravel())
+                tables.append(basis_table(self.basis, low + (high - low) * fractions).ravel())
             columns.append(np.array(tables).T)
         return np.vstack(columns)
 
@@ -178,11 +178,11 @@ class Transcription:
         whole = len(self.terminal) == self.interval.dimension
         rows = []
         for row in self.interval.rows:
-            last = k == self.intervals - 1 and row.share == 1.0
+            last = k == self.intervals - 1 and row.fraction == 1.0
             given = last and ((whole and row.of_pose) or row.name.partition("[")[0] in self._fixed)
             unit = float(self.units[row.unit])
             bounds = (-np.inf, np.inf) if given else (row.lower / unit, row.upper / unit)
-            rows.append(Row(row.name, *bounds, (k + row.share) / self.intervals, stated=True, unit=unit))
+            rows.append(Row(row.name, *bounds, (k + row.fraction) / self.intervals, stated=True, unit=unit))
         return rows
 
     @property
