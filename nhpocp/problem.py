@@ -28,10 +28,10 @@ from nhpocp.systems.system import System
 if TYPE_CHECKING:
     from nhpocp.task import Task
 
-ASSEMBLED = 1e-6  # share of the machine's length by which a start may miss what its joints hold
-INSTANT = 1e-12  # share of a duration, in the place of 0
+ASSEMBLED = 1e-6  # fraction of the machine's length by which a start may miss what its joints hold
+INSTANT = 1e-12  # fraction of a duration, in the place of 0
 NUDGE = 1e-6  # of their scales, by which states and inputs are changed to see what an output's size is
-SAME_TIME = 1e-6  # shares of the horizon that are nearer have no room for a motion between them
+SAME_TIME = 1e-6  # fractions of the horizon that are nearer have no room for a motion between them
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,7 @@ class Horizon:
 
 @dataclass(frozen=True)
 class Via:
-    """A pose to pass at a share of the horizon."""
+    """A pose to pass at a fraction of the horizon."""
 
     share: float
     goal: Mapping[str, Array]
@@ -311,7 +311,9 @@ class PlanningProblem(Frozen):
 
         wanted = [*((via.share, via.goal) for via in self.via), (1.0, self.goal)]
         length = self.scales.length
-        return tuple(Task(self.system, goal, share, self.error_length, length) for share, goal in wanted)
+        return tuple(
+            Task(self.system, goal, fraction, self.error_length, length) for fraction, goal in wanted
+        )
 
     @cached_property
     def scales(self) -> Scales:

@@ -86,7 +86,7 @@ def natural_scales(
 
 
 def side_size(limit: float, other: float, scale: float, coordinate: bool) -> float:
-    """What the tolerance of one side of a bound is a share of, with the ``other`` side's limit.
+    """What the tolerance of one side of a bound is a fraction of, with the ``other`` side's limit.
 
     The limit itself; one at 0 counts for as much as the bound is wide, at most for the quantity's own ``scale``, and
     none for less than `SMALLEST` of that. The zero of a ``coordinate`` lies anywhere, so that its limits count for no

@@ -23,7 +23,7 @@ HALF_TURN_WITHIN = 1e-7  # [rad]; closer to π the axis of the error is noise
 
 @dataclass(frozen=True)
 class Task:
-    r"""Values for some blocks of the state, or for outputs of the pose, at a share of the horizon; the rest is free.
+    r"""Values for some blocks of the state, or for outputs of the pose, at a fraction of the horizon; the rest is free.
 
     e stacks, block by block and then output by output: x - x_d of a vector, log(R R_dᵀ) of a rotation, [Paper] eq. (8),
     y - y_d of an output, and for a direction the rotation vector from y_d to y, which has two numbers in the plane

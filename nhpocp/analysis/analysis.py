@@ -29,7 +29,7 @@ SCHEMA_VERSION = 1
 TOLERANCE = 1e-8
 DEGREE = 6  # of the longest brackets, where it takes so many
 SAMPLES = 51  # of the path of the initial guess
-SHORTEST = 1e-6  # share of the horizon: what ends before has no path
+SHORTEST = 1e-6  # fraction of the horizon: what ends before has no path
 FINE = 1001  # samples between which determinants are asked for their sign
 
 

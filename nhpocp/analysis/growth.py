@@ -29,7 +29,7 @@ from nhpocp.systems.system import System
 
 GENERIC = 5  # seeded points around the first one, which say how far the ranks can grow
 SINGULAR = 1e-9  # σ_min of a matrix that the equations divide by, at and below which they have no value
-SAME_TIME = 1e-7  # shares of a path that are nearer are one
+SAME_TIME = 1e-7  # fractions of a path that are nearer are one
 SPREAD = 0.2  # of those points: lengths of the mechanism, and radians
 JITTER = 2.0**-48  # relative change of a state, some units of rounding
 ROUNDING = 2.0**10  # times what the jitter changes: a number that is no larger is rounding

@@ -71,7 +71,7 @@ class Bound(Frozen):
 
     @cached_property
     def sizes(self) -> tuple[Array, Array]:
-        """What tolerances of the lower and of the upper side are shares of (`side_size`), componentwise."""
+        """What tolerances of the lower and of the upper side are fractions of (`side_size`), componentwise."""
         size = np.vectorize(side_size, otypes=[float])
         lower, upper = np.broadcast_arrays(
             np.asarray(self.lower, dtype=float), np.asarray(self.upper, dtype=float)

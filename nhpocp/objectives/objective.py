@@ -21,7 +21,7 @@ class Objective(ABC):
     symbol: the cost as mathematics, ``{control}`` standing for the input. formula: of the file's schema, as "∫|u|²".
     meaning: of a reference value. pace: the power of T by which the cost of one path grows when all of it is
     run evenly slower. digits: that reports show. softenings: speeds below which searches take the cost for something
-    smooth, one after another, as shares of its scale over the duration; 0 where it is smooth itself.
+    smooth, one after another, as fractions of its scale over the duration; 0 where it is smooth itself.
     """
 
     name: ClassVar[str]

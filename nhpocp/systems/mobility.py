@@ -10,7 +10,7 @@ from nhpocp.arrays import Array
 from nhpocp.errors import InvalidProblemError
 from nhpocp.systems.parallel_robot import ParallelRobot
 
-RANK = 1e-9  # singular values below this share of the largest count as zero
+RANK = 1e-9  # singular values below this fraction of the largest count as zero
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from nhpocp.kept import kept
 from nhpocp.systems.margins import det, sigma
 from nhpocp.systems.system import System
 
-ROUNDING = 1e-12  # what an eigenvalue of AᵀA may be wrong by, as a share of their sum
+ROUNDING = 1e-12  # what an eigenvalue of AᵀA may be wrong by, as a fraction of their sum
 EXPANDED = 3  # the largest matrix whose determinant is written out; others are eliminated, with pivots
 
 Expression = Callable[..., Any]  # (system, x, u, parameters) ↦ the expression

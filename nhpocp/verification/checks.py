@@ -38,7 +38,7 @@ QUANTITY_TOLERANCE = 1e-4  # of a quantity's largest magnitude on the path; of o
 NUDGE = 1e-9  # relative change of the state; what that does to a quantity is never held against it
 # relative: a sequence's durations add up to rounding, and optimizers may relax a bound by 1e-8
 SAME_TIME = 1e-6
-PATH_TOLERANCE = 1e-5  # share of the mechanism's length by which a stored trajectory may be off
+PATH_TOLERANCE = 1e-5  # fraction of the mechanism's length by which a stored trajectory may be off
 
 
 def verify(solution: Solution) -> Verdict:
@@ -278,8 +278,8 @@ class _Check:
         apart = weighted_difference(self.space, states[seen], here, self.problem.error_length)
         distances = np.linalg.norm(apart, axis=1)
         worst = int(np.argmax(distances))
-        share = PATH_TOLERANCE * self.problem.scale / self.problem.error_length  # in the units of E
-        if not distances[worst] <= max(share, self.solution.tolerance):
+        fraction = PATH_TOLERANCE * self.problem.scale / self.problem.error_length  # in the units of E
+        if not distances[worst] <= max(fraction, self.solution.tolerance):
             self.reasons.append(
                 f"the stored trajectory is off the replay by {distances[worst]:.3g} at t={times[seen][worst]:.4g}"
             )

@@ -31,12 +31,12 @@ def replayed_costs(problem: PlanningProblem, control: Control) -> dict[str, floa
             ends = knots[first : first + AT_ONCE + 1]
             middles, halves = 0.5 * (ends[1:] + ends[:-1]), 0.5 * np.diff(ends)
             times = (middles[:, None] + halves[:, None] * NODES).ravel()
-            shares = (halves[:, None] * WEIGHTS).ravel()
+            weights = (halves[:, None] * WEIGHTS).ravel()
             states, controls = path(times), control(times)
             for objective in objectives:
                 if isinstance(objective, ControlObjective):
                     values = objective.density(control, times)
                 elif isinstance(objective, PathObjective):
                     values = numeric.along(objective.integrand, states, controls, problem.scale)
-                costs[objective.name] += float(shares @ values)
+                costs[objective.name] += float(weights @ values)
         return costs

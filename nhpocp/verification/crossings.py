@@ -93,8 +93,8 @@ def sign_changes(function: Callable[[float], float], times: Array, values: Array
     times, values = times[usable], values[usable]
     changes = np.flatnonzero(np.sign(values[1:]) != np.sign(values[:-1]))
     if len(changes) > MOST:
-        shares = 1.0 / (1.0 + np.abs(values[changes + 1] / values[changes]))
-        return [float(t) for t in times[changes] + shares * (times[changes + 1] - times[changes])]
+        fractions = 1.0 / (1.0 + np.abs(values[changes + 1] / values[changes]))
+        return [float(t) for t in times[changes] + fractions * (times[changes + 1] - times[changes])]
     knots = [(float(t), float(np.sign(value))) for t, value in zip(times, values, strict=True)]
     knots += [(dip, -sign) for dip, sign in _dips(function, times, values)]
     zeros = []

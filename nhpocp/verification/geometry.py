@@ -20,8 +20,8 @@ from nhpocp.systems.numeric import NumericSystem
 # Five-point stencil: truncation ~ STEP⁴/30, rounding ~ 1e-16/STEP, both relative to the motion
 OFFSETS = np.array([-2.0, -1.0, 0.0, 1.0, 2.0])
 FIRST_DERIVATIVE = np.array([1.0, -8.0, 0.0, 8.0, -1.0]) / 12.0
-STEP = 3e-4  # radians, or shares of the shortest leg, that the mechanism moves per step
-FLOOR = 1e-4  # share of the whole motion under which a leg counts as at rest: 0/0 has no meaning there
+STEP = 3e-4  # radians, or fractions of the shortest leg, that the mechanism moves per step
+FLOOR = 1e-4  # fraction of the whole motion under which a leg counts as at rest: 0/0 has no meaning there
 
 
 def has_legs(system: Any) -> bool:

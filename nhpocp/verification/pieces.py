@@ -110,10 +110,10 @@ class Steps:
     def __call__(self, times: Array) -> Array:
         """States (…, n) at times (…); a step's end belongs to it."""
         place = np.maximum(np.searchsorted(self.begins, times, side="left") - 1, 0)
-        share = ((times - self.begins[place]) / self.widths[place])[..., None]
+        fraction = ((times - self.begins[place]) / self.widths[place])[..., None]
         state = np.zeros(self.states.shape[1])
         for i in range(self.powers.shape[1]):
-            state = (state + self.powers[place, -1 - i]) * (1 - share if i % 2 else share)
+            state = (state + self.powers[place, -1 - i]) * (1 - fraction if i % 2 else fraction)
         return np.asarray(state + self.states[place])
 
 

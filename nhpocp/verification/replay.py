@@ -34,7 +34,7 @@ STEPS_PER_FUNCTION = 20  # more, for a basis whose functions oscillate: a harmon
 # of the horizon, at most a smooth piece: SciPy's own first step is absolute at a state of zeros
 FIRST_STEP = 0.02
 MANY = 1000  # pieces, from which on preparing to step over many at once is worth while
-SHORTEST_STEP = 1e-9  # share of a smooth piece; a path that needs such steps ends there
+SHORTEST_STEP = 1e-9  # fraction of a smooth piece; a path that needs such steps ends there
 
 Rate = Callable[[float, Array, Array], Array]  # (t, x, u(t)) ↦ ẋ
 

@@ -231,6 +231,6 @@ def _references(axes: Any, mine: Sequence[_Motion]) -> None:
     for tolerance in {motion.solution.tolerance for motion in mine}:
         axes.axhline(tolerance, **plots.REFERENCE)
     for motion in mine:
-        promised = decays(motion.solution)
-        if promised is not None and np.isfinite(promised[1]).all():
-            axes.plot(error_history(motion.solution)[0], promised[1], color="0.6", linewidth=0.7, zorder=1)
+        predicted = decays(motion.solution)
+        if predicted is not None and np.isfinite(predicted[1]).all():
+            axes.plot(error_history(motion.solution)[0], predicted[1], color="0.6", linewidth=0.7, zorder=1)

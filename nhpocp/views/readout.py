@@ -56,9 +56,9 @@ def _panel(figure: Figure, axes: Any, xs: list[list[float | None]]) -> dict[str,
 
 def _drawn(figure: Figure, axes: Any, points: Array) -> Array:
     """Points of the axes (n, 2) where the SVG has them: y down, in points."""
-    shares = figure.transFigure.inverted().transform(axes.transData.transform(points))
+    fractions = figure.transFigure.inverted().transform(axes.transData.transform(points))
     width, height = POINTS * figure.get_size_inches()
-    return np.column_stack([width * shares[:, 0], height * (1 - shares[:, 1])])
+    return np.column_stack([width * fractions[:, 0], height * (1 - fractions[:, 1])])
 
 
 def _scale(kind: str, limits: tuple[float, float], drawn: Array) -> list[float]:

@@ -49,7 +49,7 @@ def _written(digits: str) -> Markup:
 
 
 def percent(value: float | None) -> Markup:
-    """A share as per cent; what no reader would call a difference is zero."""
+    """A fraction as per cent; what no reader would call a difference is zero."""
     if value is None:
         return Markup(MISSING)
     return Markup(
