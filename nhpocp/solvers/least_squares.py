@@ -71,25 +71,22 @@ class LeastSquares:
         first = initial_coefficients(problem, ends, self.given.seed)
         units = np.repeat(problem.scales.inputs, problem.basis.size)
 
+        def at(y: Array) -> EndPointError:
+            return EndPointError(problem, ends((units * y).reshape(first.shape)))
+
         def residual(y: Array) -> Array:
             interruption.check()
-            here = EndPointError(problem, ends((units * y).reshape(first.shape)))
-            error, e = here.measured()
+            error, e = at(y).measured()
             records.append({"k": len(records), "error": error})
             if progress:
                 progress(records[-1])
             return e
 
-        def jacobian(y: Array) -> Array:
-            return EndPointError(problem, ends((units * y).reshape(first.shape))).jacobian * units
-
+        limits = {"xtol": 1e-15, "ftol": 1e-15, "max_nfev": self.given.max_iterations}
         with Interruption() as interruption:
-            limit = self.given.max_iterations
-            fit = least_squares(
-                residual, first.ravel() / units, jacobian, xtol=1e-15, ftol=1e-15, max_nfev=limit
-            )
+            fit = least_squares(residual, first.ravel() / units, lambda y: at(y).jacobian * units, **limits)
         control = problem.control((units * fit.x).reshape(first.shape), horizon)
-        error, _ = EndPointError(problem, ends(control.coefficients)).measured()
+        error, _ = at(fit.x).measured()
         reached = error <= self.tolerance
         ending = Outcome.ITERATION_LIMIT if fit.status == 0 else Outcome.STAGNATED
         motion = simulate(problem, control)

@@ -122,6 +122,32 @@ class Ipopt:
     def settings(self) -> dict[str, Any]:
         return {"plugin": self.kind, "tolerance": self.tolerance, "max_iterations": self.max_iterations}
 
+    def _options(self, log: Path, exact: bool, warm: bool) -> dict[str, Any]:
+        """exact: the Hessian is; warm: multipliers come with the start."""
+        options: dict[str, Any] = {
+            "tol": min(self.tolerance, 1e-8),
+            "constr_viol_tol": min(self.tolerance, 1e-7),
+            # aims at 1e-8; gets stuck above it in a valley of equal optima, as systems with symmetries have them
+            "acceptable_iter": 0,
+            "acceptable_tol": self.tolerance,
+            "acceptable_dual_inf_tol": self.tolerance,
+            "acceptable_compl_inf_tol": self.tolerance,
+            "acceptable_constr_viol_tol": min(self.tolerance, 1e-9),
+            # 5 by default: 16 iterations on the paper's task with `default`, 14 with 2; elsewhere as many or fewer
+            "filter_reset_trigger": 2,
+            "max_iter": self.max_iterations,
+            "linear_solver": self.linear_solver,
+            "print_level": 0,
+            "sb": "yes",
+            "output_file": str(log),
+            "file_print_level": 5,
+        }
+        if not exact:
+            options["hessian_approximation"] = "limited-memory"
+        if warm:
+            options.update(warm_start_init_point="yes", mu_init=1e-6, warm_start_bound_push=1e-8)
+        return options
+
     def solve(
         self, programme: Programme, start: Array, multipliers: Array | None = None, watch: Watch | None = None
     ) -> Optimum:
@@ -129,28 +155,8 @@ class Ipopt:
         nlp = functions.pop("nlp")
         with tempfile.TemporaryDirectory() as folder:
             file = Path(folder) / "ipopt.log"
-            options: dict[str, Any] = {
-                "tol": min(self.tolerance, 1e-8),
-                "constr_viol_tol": min(self.tolerance, 1e-7),
-                # aims at 1e-8; gets stuck above it in a valley of equal optima, as systems with symmetries have them
-                "acceptable_iter": 0,
-                "acceptable_tol": self.tolerance,
-                "acceptable_dual_inf_tol": self.tolerance,
-                "acceptable_compl_inf_tol": self.tolerance,
-                "acceptable_constr_viol_tol": min(self.tolerance, 1e-9),
-                # 5 by default: 16 iterations on the paper's task with `default`, 14 with 2; elsewhere as many or fewer
-                "filter_reset_trigger": 2,
-                "max_iter": self.max_iterations,
-                "linear_solver": self.linear_solver,
-                "print_level": 0,
-                "sb": "yes",
-                "output_file": str(file),
-                "file_print_level": 5,
-            }
-            if "hess_lag" not in functions and not functions.get("exact"):
-                options["hessian_approximation"] = "limited-memory"
-            if multipliers is not None:
-                options.update(warm_start_init_point="yes", mu_init=1e-6, warm_start_bound_push=1e-8)
+            exact = "hess_lag" in functions or "exact" in functions
+            options = self._options(file, exact, warm=multipliers is not None)
             callback = _Callback(programme.size, len(programme.lower), watch) if watch else None
             plugin: dict[str, Any] = {
                 "print_time": False,
