@@ -12,7 +12,7 @@ from nhpocp.solvers.nlp.guesses import ProblemGuess, make_guess
 from nhpocp.solvers.nlp.kkt_residuals import kkt_residuals
 from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting
 from nhpocp.solvers.nlp.optimizers import Ipopt
-from nhpocp.solvers.nlp.transcription import Transcription
+from nhpocp.solvers.nlp.staged_transcription import StagedTranscription
 
 INTERVALS = 8
 
@@ -29,7 +29,7 @@ class Shifted:
 def transcribed(bounds=()):
     problem = paper_problem(bounds=bounds)
     guess = make_guess(ProblemGuess(), problem, None, INTERVALS, 0)
-    programme = Transcription(problem, guess, None, INTERVALS, 1, bounds, Interpreted())
+    programme = StagedTranscription(problem, guess, None, INTERVALS, 1, bounds, Interpreted())
     return programme, Ipopt(1e-9).solve(programme, programme.pack(guess))
 
 

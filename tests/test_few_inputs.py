@@ -27,7 +27,7 @@ from nhpocp.problem_file.building import build_solver
 from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting
 from nhpocp.solvers.nlp.optimizers import Fatrop, Ipopt
 from nhpocp.solvers.nlp.single_shooting import SingleShooting
-from nhpocp.solvers.nlp.transcription import Transcription
+from nhpocp.solvers.nlp.staged_transcription import StagedTranscription
 from nhpocp.state_space import StateSpace, rotation, scalar
 from nhpocp.systems.parallel_robot import ParallelRobot
 from nhpocp.systems.system import Parameter, System
@@ -125,7 +125,7 @@ NLPS = {
     f"{kind.__name__} {optimizer.kind}{' over the basis' if over_basis else ''}": MultipleShooting(
         intervals=8, transcription=kind, optimizer=optimizer, over_basis=over_basis
     )
-    for kind in (Transcription, SingleShooting)
+    for kind in (StagedTranscription, SingleShooting)
     for optimizer in (Ipopt(), Fatrop())
     for over_basis in (False, True)
     if not (kind is SingleShooting and optimizer.kind == "fatrop")
@@ -263,7 +263,7 @@ def test_kernels_and_casadi_agree_on_few_inputs(model):
 def test_few_inputs_are_kept_and_drawn(model, tmp_path, monkeypatch):
     system, start, goal, *_ = {**ONE_INPUT, **NO_INPUT}[model]
     monkeypatch.setitem(registry.SYSTEMS, model, f"{__name__}:{type(system).__name__}")
-    nlp = replace(NLPS["Transcription ipopt"], intervals=4)
+    nlp = replace(NLPS["StagedTranscription ipopt"], intervals=4)
     task = problem(system, start, goal, samples=11, solvers={"jacobian": JACOBIANS["adaptive"], "nlp": nlp})
     compared = nhpocp.compare([task])
     for entry in compared.entries:

@@ -15,7 +15,7 @@ from nhpocp.problem import Horizon, PlanningProblem
 from nhpocp.problem_file.building import build_solver
 from nhpocp.solvers.nlp.guesses import Guess, ProblemGuess, make_guess
 from nhpocp.solvers.nlp.single_shooting import SingleShooting
-from nhpocp.solvers.nlp.transcription import Transcription
+from nhpocp.solvers.nlp.staged_transcription import StagedTranscription
 
 NLP = build_solver("nlp", {"intervals": 6})
 SOLVERS = [NLP, build_solver("jacobian", {"step_rule": "auto"})]
@@ -78,7 +78,7 @@ def test_what_has_a_least_cost_is_no_endless_wait():
     assert not endless(plane(horizon=free, bounds=[Bound("control", "u", 1.0, 2.0)]))  # it may not be slow
 
 
-@pytest.mark.parametrize("kind", [Transcription, SingleShooting])
+@pytest.mark.parametrize("kind", [StagedTranscription, SingleShooting])
 @pytest.mark.parametrize("found", [-9e-10, 4.6e-12, 3.0 + 1e-8])
 def test_a_horizon_keeps_its_bounds_exactly_and_the_path_its_end(kind, found):
     """Optimizers keep bounds up to their tolerance."""
@@ -86,7 +86,7 @@ def test_a_horizon_keeps_its_bounds_exactly_and_the_path_its_end(kind, found):
     guess = make_guess(ProblemGuess(), problem, None, 4, 0)
     programme = kind(problem, guess, None, 4, 1, [], Interpreted())
     x = programme.pack(guess)
-    if kind is Transcription:
+    if kind is StagedTranscription:
         x[programme.interval.nodes - 1 :: programme.stage] = found
     else:
         x[programme.statics - 1] = found

@@ -39,7 +39,7 @@ from nhpocp.solvers.continuation.step_rules import Adaptive
 from nhpocp.solvers.nlp import interval
 from nhpocp.solvers.nlp.guesses import ProblemGuess, make_guess
 from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting
-from nhpocp.solvers.nlp.transcription import Transcription
+from nhpocp.solvers.nlp.staged_transcription import StagedTranscription
 from nhpocp.systems.numeric import NumericSystem
 from nhpocp.systems.three_upu import ThreeUPU
 
@@ -127,9 +127,9 @@ def values(programme, seed=0) -> list[np.ndarray]:
     ]
 
 
-def transcribed(problem, way, basis=None, steps=1, intervals=9) -> Transcription:
+def transcribed(problem, way, basis=None, steps=1, intervals=9) -> StagedTranscription:
     guess = make_guess(ProblemGuess(), problem, basis, intervals, 0)
-    return Transcription(problem, guess, basis, intervals, steps, problem.bounds, way)
+    return StagedTranscription(problem, guess, basis, intervals, steps, problem.bounds, way)
 
 
 LINEAR = PlanningProblem(

@@ -22,7 +22,7 @@ from nhpocp.problem_file.building import build_solver
 from nhpocp.problem_file.registry import SYSTEMS, system_class
 from nhpocp.solvers.nlp.guesses import ProblemGuess, make_guess
 from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting
-from nhpocp.solvers.nlp.transcription import Transcription
+from nhpocp.solvers.nlp.staged_transcription import StagedTranscription
 from nhpocp.systems.three_upu import ThreeUPU
 
 SOLVERS = {
@@ -71,7 +71,7 @@ def test_its_derivatives_are_finite_at_rest():
     assert value == 0
     np.testing.assert_array_equal(gradient, 0)
     guess = make_guess(ProblemGuess(), problem, None, 3, 0)
-    programme = Transcription(problem, guess, None, 3, 1, [], Interpreted())
+    programme = StagedTranscription(problem, guess, None, 3, 1, [], Interpreted())
     x = programme.pack(guess)
     hessian = programme.functions["hess_lag"](x, [], 1.0, np.zeros(len(programme.rows)))
     for values in (*programme.functions["grad_f"](x, []), hessian):

@@ -14,11 +14,11 @@ from nhpocp.solvers.nlp.guesses import ProblemGuess, make_guess
 from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting
 from nhpocp.solvers.nlp.optimizers import Fatrop
 from nhpocp.solvers.nlp.single_shooting import EXACT_HESSIAN_UP_TO, SingleShooting
-from nhpocp.solvers.nlp.transcription import Transcription
+from nhpocp.solvers.nlp.staged_transcription import StagedTranscription
 
 
 def both(problem, **settings):
-    for kind in (SingleShooting, Transcription):
+    for kind in (SingleShooting, StagedTranscription):
         yield MultipleShooting(transcription=kind, **settings).solve(problem)
 
 
@@ -30,7 +30,7 @@ def test_the_rolled_out_path_satisfies_every_continuity_row():
         guess = make_guess(ProblemGuess(), problem, basis, 4, 0)
         single, multiple = (
             kind(problem, guess, basis, 4, 2, bounds, Interpreted())
-            for kind in (SingleShooting, Transcription)
+            for kind in (SingleShooting, StagedTranscription)
         )
         x = single.pack(guess)
         cost, rows = (np.array(part).ravel() for part in single.functions["nlp"](x, []))

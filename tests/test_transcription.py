@@ -15,7 +15,8 @@ from nhpocp.flow.compiled.kernels import Interpreted
 from nhpocp.problem import Horizon, Via
 from nhpocp.solvers.nlp.guesses import ProblemGuess, follow, make_guess
 from nhpocp.solvers.nlp.single_shooting import SingleShooting
-from nhpocp.solvers.nlp.transcription import Guess, Transcription
+from nhpocp.solvers.nlp.staged_transcription import StagedTranscription
+from nhpocp.solvers.nlp.transcription import Guess
 from nhpocp.systems.numeric import NumericSystem
 
 INTERVALS = 3
@@ -52,7 +53,7 @@ FAMILY = [
 ]
 
 
-def transcribed(case, kind=Transcription, way=INTERPRETED):
+def transcribed(case, kind=StagedTranscription, way=INTERPRETED):
     """A programme of the family, and a vector near its guess."""
     case = dict(case)
     basis, steps = case.pop("basis", None), case.pop("steps", 1)
@@ -91,7 +92,7 @@ def test_the_filled_matrices_are_the_derivatives(case):
 
 
 @pytest.mark.parametrize("case", FAMILY, ids=str)
-@pytest.mark.parametrize("kind", [Transcription, SingleShooting])
+@pytest.mark.parametrize("kind", [StagedTranscription, SingleShooting])
 def test_vectors_and_plans_turn_into_one_another(kind, case):
     programme, guess, x = transcribed(case, kind)
     once = programme.pack(programme.unpack(x))  # a plan has one set of coefficients, x one at every node
@@ -99,7 +100,7 @@ def test_vectors_and_plans_turn_into_one_another(kind, case):
     plan = programme.unpack(programme.pack(guess))
     np.testing.assert_allclose(plan.control.coefficients, guess.control.coefficients, atol=1e-12)
     assert plan.control.horizon == pytest.approx(guess.control.horizon)
-    if kind is Transcription:
+    if kind is StagedTranscription:
         np.testing.assert_allclose(plan.states, guess.states, atol=1e-5)  # the guess leaves SO(3)
         assert len(programme.lower) == len(programme.upper) == len(programme.rows)
         assert sum(programme.structure["ng"]) + sum(programme.structure["nx"][1:]) == len(programme.rows)
@@ -111,7 +112,7 @@ def test_a_followed_path_leaves_no_gap(basis):
     problem = paper_problem()
     guess = make_guess(ProblemGuess(), problem, basis, 20, 0)
     guess = Guess(follow(problem, guess.control, 20, 2), guess.control)
-    programme = Transcription(problem, guess, basis, 20, 2, [], INTERPRETED)
+    programme = StagedTranscription(problem, guess, basis, 20, 2, [], INTERPRETED)
     _, constraints = programme.functions["nlp"](programme.pack(guess), [])
     gaps = np.array(constraints).ravel()[: -len(programme.terminal)]
     assert np.abs(gaps).max() < 1e-7  # the packed rotation leaves SO(3) by as much
@@ -140,7 +141,7 @@ def test_rows_that_the_goal_fixes_are_free():
     equal = Bound("state.position", "position", [0.0, -10, 15], [0.0, 10, 45])
     problem = paper_problem(goal={"position": [0, 0, 35], "orientation": np.eye(3)})
     guess = make_guess(ProblemGuess(), problem, None, INTERVALS, 0)
-    for kind in (Transcription, SingleShooting):
+    for kind in (StagedTranscription, SingleShooting):
         programme = kind(problem, guess, None, INTERVALS, 2, [equal], INTERPRETED)
         equal_rows = [row for row in programme.rows if row.name == "state.position[0]"]
         assert [row.time for row in equal_rows] == pytest.approx([1 / 3, 2 / 3, 1])  # not within an interval

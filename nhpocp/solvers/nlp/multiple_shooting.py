@@ -25,6 +25,7 @@ from nhpocp.solvers.nlp.guesses import GuessMaker, ProblemGuess, SolverGuess, St
 from nhpocp.solvers.nlp.optimizers import Ipopt, Optimizer
 from nhpocp.solvers.nlp.shooting_run import Run
 from nhpocp.solvers.nlp.single_shooting import SingleShooting
+from nhpocp.solvers.nlp.staged_transcription import StagedTranscription
 from nhpocp.solvers.nlp.transcription import Transcription
 
 # iterations, or a quarter of those allowed, after which another guess is likelier to lead somewhere
@@ -48,7 +49,7 @@ class MultipleShooting:
     intervals: int = 50
     steps_per_interval: int | None = None
     over_basis: bool = False
-    transcription: type[Transcription] = Transcription
+    transcription: type[Transcription] = StagedTranscription
     optimizer: Optimizer = field(default_factory=Ipopt)
     guess: GuessMaker = field(default_factory=ProblemGuess)
     starts: int = 1

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 TRANSCRIPTIONS: Family[Any] = Family(
     {
-        "multiple": "nhpocp.solvers.nlp.transcription:Transcription",
+        "multiple": "nhpocp.solvers.nlp.staged_transcription:StagedTranscription",
         "single": "nhpocp.solvers.nlp.single_shooting:SingleShooting",
     }
 )

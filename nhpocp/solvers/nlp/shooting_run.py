@@ -20,6 +20,7 @@ from nhpocp.objectives.registry import OBJECTIVES
 from nhpocp.outcome import Outcome
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Progress, Solution
+from nhpocp.solvers.nlp.ending import Ending, excess
 from nhpocp.solvers.nlp.guesses import GuessMaker, NoGuessError, make_guess, meets
 from nhpocp.solvers.nlp.kkt_residuals import kkt_residuals
 from nhpocp.solvers.nlp.optimizers import Look, Optimizer, Optimum, failed
@@ -28,8 +29,6 @@ from nhpocp.solvers.unsolved import unsolved
 from nhpocp.systems.numeric import numeric_system
 from nhpocp.task import total_error
 
-SLIGHT = 1e-6  # what a row, in its own unit, may be broken by and still be said to hold
-AT_LIMIT = 1e-3  # of its size: nearer, a row is at its limit
 MOST_STEPS = 16  # per interval
 TIGHTENINGS = 4
 FURTHER = 1.5  # times what breaks a bound between the nodes is what it is moved by
@@ -78,14 +77,8 @@ class Run:
         seed: int,
         optimizer: Optimizer,
     ) -> None:
-        self.solver, self.problem, self.progress, self.maker, self.seed = (
-            solver,
-            problem,
-            progress,
-            maker,
-            seed,
-        )
-        self.optimizer = optimizer
+        self.solver, self.problem, self.progress = solver, problem, progress
+        self.maker, self.seed, self.optimizer = maker, seed, optimizer
         self.numeric = numeric_system(problem.system)
         self.basis: ControlBasis | None = problem.basis if solver.over_basis else None
         self.bounds = list(problem.bounds)
@@ -103,7 +96,8 @@ class Run:
         try:
             guess = make_guess(self.maker, self.problem, self.basis, self.solver.intervals, self.seed)
         except NoGuessError as error:
-            return self._without_optimum(error, perf_counter() - began)
+            sentence, seconds = f"No guess to start from: {error.message}.", perf_counter() - began
+            return unsolved(self.problem, self.solver, error.outcome, sentence, build_seconds=seconds)
         self.origin = guess.origin
         if guess.origin:
             self.evaluations += guess.origin.evaluations
@@ -143,7 +137,7 @@ class Run:
         start = programme.pack(guess)
         _, constraints = programme.functions["nlp"](start, [])
         if "guess_defect" not in self.details:
-            self.details["guess_defect"] = float(np.max(_excess(programme, np.array(constraints).ravel())))
+            self.details["guess_defect"] = float(np.max(excess(programme, np.array(constraints).ravel())))
         self.build_seconds += perf_counter() - began
         first = self.records[-1]["k"] + 1 if self.records else 0
         multipliers = carried(*before, programme) if before else None
@@ -273,12 +267,13 @@ class Run:
         if outcome is Outcome.INFEASIBLE:
             outcome = Outcome.STAGNATED  # a local word: it cannot know of other paths
         met = self._meets(plan.control, programme.steps)
+        cost, ending = self._objective(programme, optimum, motion), Ending(programme, optimum)
         costates = programme.costates(optimum.x, optimum.multipliers)
         self.details |= {
             "status": optimum.status,
-            "feasible": bool(_excess(programme, optimum.constraints).max(initial=0.0) <= SLIGHT),
+            "feasible": ending.feasible,
             "one_side": self._one_side(plan.states),
-            "objective_value": self._objective(programme, optimum, motion),
+            "objective_value": cost,
             "steps_per_interval": programme.steps,
             "optimality": kkt_residuals(programme, optimum.x, optimum.multipliers),
             "costates": costates.tolist() if costates is not None else None,
@@ -289,7 +284,7 @@ class Run:
             settings=self.solver.settings(),
             tolerance=self.solver.tolerance,
             outcome=outcome,
-            message=self._sentence(outcome, programme, optimum, self._objective(programme, optimum, motion)),
+            message=self._sentence(outcome, ending, cost),
             final_error=total_error(self.problem.tasks, met),
             control=plan.control,
             trajectory=motion.trajectory,
@@ -317,79 +312,12 @@ class Run:
         softened = any(OBJECTIVES[name].softenings)
         return motion.costs[name] if softened else optimum.objective * programme.cost_unit
 
-    def _sentence(self, outcome: Outcome, programme: Transcription, optimum: Optimum, cost: float) -> str:
+    def _sentence(self, outcome: Outcome, ending: Ending, cost: float) -> str:
+        count = self.records[-1]["k"]
         if outcome is Outcome.CONVERGED:
-            return f"{self.problem.objective} {cost:.6g} after {self.records[-1]['k']} iterations."
-        words = f"{self.optimizer.kind} ended with {optimum.status} after {self.records[-1]['k']} iterations"
-        if outcome is Outcome.NOT_FINITE:
-            return f"{words}. {self._undefined(programme, optimum)}. {outcome.advice}"
-        if outcome not in (Outcome.STAGNATED, Outcome.ITERATION_LIMIT, Outcome.DIVERGED):
-            return f"{words}. {outcome.advice}"
-        rows = programme.rows
-        broken, pressed = self._violated(programme, optimum), self._pressed(programme, optimum)
-        stated = [i for i in broken if rows[i].stated]
-        if stated:
-            words += f". Broken there: {self._listed(programme, optimum, stated)}"
-        elif broken:
-            words += f". The motion is torn there: {self._listed(programme, optimum, broken)}"
-        if pressed:
-            words += f". Held at their limits there: {self._listed(programme, optimum, pressed)}"
-        advice = "Try another control.initial or solvers.nlp.initial, or more intervals"
-        if names := dict.fromkeys(rows[i].name.partition("[")[0] for i in [*stated, *pressed]):
-            advice += f"; or loosen {', '.join(names)}"
-        if outcome is Outcome.ITERATION_LIMIT:
-            # where bounds stand in the way, more of the same is the last thing to try
-            advice = f"{advice}; or raise max_iterations" if names else f"Raise max_iterations. {advice}"
-        return f"{words}. {advice}."
-
-    def _listed(self, programme: Transcription, optimum: Optimum, places: list[int]) -> str:
-        """The first few rows in words: when, and by how much they are broken."""
-        excess = _excess(programme, optimum.constraints)
-        horizon = programme.unpack(optimum.x).control.horizon
-        listed = []
-        for i in places[:3]:
-            row = programme.rows[i]
-            listed.append(f"{row.name} at t={row.time * horizon:.4g}")
-            if excess[i] > SLIGHT:
-                listed[-1] += f" by {excess[i] * row.unit:.3g}"
-        return "; ".join(listed)
-
-    def _violated(self, programme: Transcription, optimum: Optimum) -> list[int]:
-        """Rows that do not hold, the stated ones first, most violated first."""
-        excess, rows = _excess(programme, optimum.constraints), programme.rows
-        places = [int(i) for i in np.flatnonzero(excess > SLIGHT)]
-        return sorted(places, key=lambda i: (not rows[i].stated, -excess[i]))
-
-    def _pressed(self, programme: Transcription, optimum: Optimum) -> list[int]:
-        """Stated rows that hold and are at their limit, the one of each name that pushes back most."""
-        values, force = optimum.constraints, np.abs(optimum.multipliers)
-        excess = _excess(programme, values)
-        slack = np.minimum(values - programme.lower, programme.upper - values)
-        near = slack <= AT_LIMIT * (1 + np.abs(values))
-        strongest: dict[str, int] = {}
-        for i in np.argsort(-force):
-            row = programme.rows[i]
-            if row.stated and excess[i] <= SLIGHT and (near[i] or force[i] > 1e-3 * force.max()):
-                strongest.setdefault(row.name, int(i))
-        return list(strongest.values())
-
-    def _undefined(self, programme: Transcription, optimum: Optimum) -> str:
-        """Which constraint is not a number, at which node."""
-        _, constraints = programme.functions["nlp"](optimum.x, [])
-        undefined = np.flatnonzero(~np.isfinite(np.array(constraints).ravel()))
-        if not undefined.size:
-            return "A derivative is not a number"
-        row = programme.rows[int(undefined[0])]
-        if row.name.startswith(("goal of", "via pose")):
-            return f"{row.name} is not a number: the path there is half a turn from it; try another control.initial"
-        divided = " or ".join(f"det {name.upper()}" for name in self.problem.system.breaking())
-        why = f"; {divided}, by which the equations divide, vanishes near it" if divided else ""
-        return f"{row.name} is not a number at share {row.time:.4g} of the horizon{why}"
-
-    def _without_optimum(self, error: NoGuessError, seconds: float) -> Solution:
-        """There was no guess to start from."""
-        sentence = f"No guess to start from: {error.message}."
-        return unsolved(self.problem, self.solver, error.outcome, sentence, build_seconds=seconds)
+            return f"{self.problem.objective} {cost:.6g} after {count} iterations."
+        words = f"{self.optimizer.kind} ended with {ending.optimum.status} after {count} iterations"
+        return ending.sentence(outcome, words)
 
 
 def carried(before: Transcription, optimum: Optimum, after: Transcription) -> Array:
@@ -399,9 +327,3 @@ def carried(before: Transcription, optimum: Optimum, after: Transcription) -> Ar
         for row, value in zip(before.rows, optimum.multipliers, strict=True)
     }
     return np.array([known.get((row.name, round(row.time, 12)), 0.0) for row in after.rows])
-
-
-def _excess(programme: Transcription, constraints: Array) -> Array:
-    """How far every constraint is outside its bounds; infinite where it is not a number."""
-    excess = np.maximum(programme.lower - constraints, constraints - programme.upper)
-    return np.where(np.isnan(excess), np.inf, np.maximum(excess, 0.0))

@@ -22,9 +22,6 @@ class SingleShooting(Transcription):
         interval, N = self.interval, self.intervals
         self.statics = interval.nodes - interval.dimension
         self.size = self.statics + N * interval.controls
-        self.outputs = interval.nodes + len(interval.rows)
-        self.terminal = self.problem.tasks[-1].rows
-        self.rows = self._rows()
 
     def _rows(self) -> list[Row]:
         labels, N = self.problem.system.state_space.tangent_labels, self.intervals
@@ -74,13 +71,3 @@ class SingleShooting(Transcription):
             values = np.array(self.interval.shot.value(stage, self.parameters[:, k])).ravel()
             local = -values[: self.interval.dimension]
         return np.array(stages), np.array([*locals_, local])
-
-    def note(self, seconds: float) -> None:
-        """There is no kernel to be built."""
-
-    @property
-    def structure(self) -> None:
-        return None
-
-    def costates(self, x: Array, multipliers: Array) -> None:
-        return None
