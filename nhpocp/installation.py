@@ -10,7 +10,7 @@ from nhpocp.flow.compiled.kernel_folder import cached
 from nhpocp.interruption import Interruption
 from nhpocp.problem_file.registry import SYSTEMS, every_class
 from nhpocp.provenance import environment
-from nhpocp.solvers.nlp.optimizers import LINEAR_SOLVERS
+from nhpocp.solvers.nlp.ipopt import LINEAR_SOLVERS
 
 
 def diagnose() -> dict[str, Any]:

@@ -33,8 +33,8 @@ from nhpocp.solution import Solution, Solver
 from nhpocp.solvers.continuation.auto import Auto
 from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.step_rules import Adaptive, Euler
+from nhpocp.solvers.nlp.ipopt import Ipopt
 from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting
-from nhpocp.solvers.nlp.optimizers import Ipopt
 
 Row = dict[str, Any]
 INTERVALS = 50  # of the NLP, per manoeuvre of the plan that it starts from

@@ -18,8 +18,8 @@ from goals import paper_task, workspace_goal
 from nhpocp import planning
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Solution
+from nhpocp.solvers.nlp.ipopt import Ipopt
 from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting
-from nhpocp.solvers.nlp.optimizers import Ipopt
 
 
 def attempt(problem: PlanningProblem, seed: int, solver: MultipleShooting) -> Solution:

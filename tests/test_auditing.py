@@ -27,8 +27,8 @@ from nhpocp.solvers.continuation.auto import Auto
 from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.multi_start import MultiStart
 from nhpocp.solvers.continuation.step_rules import Adaptive, Euler
+from nhpocp.solvers.nlp.ipopt import Ipopt
 from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting
-from nhpocp.solvers.nlp.optimizers import Ipopt
 from nhpocp.verification import verify
 from nhpocp.verification.costs import replayed_costs
 

@@ -9,9 +9,9 @@ from conftest import paper_problem
 from nhpocp.constraints.bound import Bound
 from nhpocp.flow.compiled.kernels import Interpreted
 from nhpocp.solvers.nlp.guesses import ProblemGuess, make_guess
+from nhpocp.solvers.nlp.ipopt import Ipopt
 from nhpocp.solvers.nlp.kkt_residuals import kkt_residuals
 from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting
-from nhpocp.solvers.nlp.optimizers import Ipopt
 from nhpocp.solvers.nlp.staged_transcription import StagedTranscription
 
 INTERVALS = 8

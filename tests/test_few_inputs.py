@@ -24,8 +24,9 @@ from nhpocp.outcome import Outcome
 from nhpocp.problem import Horizon, PlanningProblem
 from nhpocp.problem_file import control_from_json, registry
 from nhpocp.problem_file.building import build_solver
+from nhpocp.solvers.nlp.fatrop import Fatrop
+from nhpocp.solvers.nlp.ipopt import Ipopt
 from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting
-from nhpocp.solvers.nlp.optimizers import Fatrop, Ipopt
 from nhpocp.solvers.nlp.single_shooting import SingleShooting
 from nhpocp.solvers.nlp.staged_transcription import StagedTranscription
 from nhpocp.state_space import StateSpace, rotation, scalar

@@ -22,7 +22,7 @@ from nhpocp.problem_file import parse_problem
 from nhpocp.problem_file.registry import SYSTEMS
 from nhpocp.problem_file.starters import starter
 from nhpocp.solvers.nlp import interval
-from nhpocp.solvers.nlp.optimizers import Ipopt
+from nhpocp.solvers.nlp.ipopt import Ipopt
 from nhpocp.systems.numeric import numeric_system
 
 
@@ -149,7 +149,7 @@ def test_a_system_takes_along_all_that_was_made_for_it(model):
 LOOP = """
 import nhpocp
 from conftest import paper_problem
-from nhpocp.solvers.nlp.optimizers import Ipopt
+from nhpocp.solvers.nlp.ipopt import Ipopt
 
 problem = paper_problem(samples=5)
 jacobian = nhpocp.Continuation(step_rule=nhpocp.Adaptive(), integrator=nhpocp.RungeKutta4(20))

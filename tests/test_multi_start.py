@@ -15,8 +15,8 @@ from nhpocp.solvers.continuation import multi_start
 from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.multi_start import MultiStart, processes
 from nhpocp.solvers.continuation.step_rules import Adaptive
+from nhpocp.solvers.nlp.ipopt import Ipopt
 from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting
-from nhpocp.solvers.nlp.optimizers import Ipopt
 
 
 def one_thread():

@@ -17,9 +17,11 @@ from nhpocp.errors import InvalidProblemError
 from nhpocp.outcome import Outcome
 from nhpocp.problem import Horizon, PlanningProblem
 from nhpocp.solvers.continuation.continuation import Continuation, Euler
+from nhpocp.solvers.nlp.fatrop import Fatrop
 from nhpocp.solvers.nlp.guesses import ProblemGuess, SolverGuess, StraightGuess
+from nhpocp.solvers.nlp.ipopt import Ipopt
 from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting, mesh_check
-from nhpocp.solvers.nlp.optimizers import Fatrop, Ipopt, failed
+from nhpocp.solvers.nlp.optimizer import failed
 from nhpocp.solvers.nlp.single_shooting import SingleShooting
 from nhpocp.systems.rolling_sphere import RollingSphere
 from nhpocp.systems.three_upu import ThreeUPU

@@ -14,8 +14,9 @@ from nhpocp.problem import PlanningProblem
 from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.step_rules import Adaptive
 from nhpocp.solvers.nlp.guesses import SolverGuess
+from nhpocp.solvers.nlp.ipopt import ENDINGS, Ipopt
 from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting
-from nhpocp.solvers.nlp.optimizers import ENDINGS, Ipopt, failed
+from nhpocp.solvers.nlp.optimizer import failed
 from nhpocp.systems.heisenberg import Heisenberg
 
 FAR = {"position": [0, 0, 27], "orientation": yaw(np.radians(190))}

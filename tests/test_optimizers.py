@@ -7,7 +7,9 @@ import pytest
 from nhpocp.errors import InvalidProblemError
 from nhpocp.installation import diagnose
 from nhpocp.outcome import Outcome
-from nhpocp.solvers.nlp.optimizers import ENDINGS, LINEAR_SOLVERS, Fatrop, Ipopt, failed
+from nhpocp.solvers.nlp.fatrop import Fatrop
+from nhpocp.solvers.nlp.ipopt import ENDINGS, LINEAR_SOLVERS, Ipopt
+from nhpocp.solvers.nlp.optimizer import failed
 
 
 class Small:

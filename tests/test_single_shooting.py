@@ -10,9 +10,9 @@ from nhpocp.errors import InvalidProblemError
 from nhpocp.flow.compiled.kernels import Interpreted
 from nhpocp.outcome import Outcome
 from nhpocp.problem import Horizon
+from nhpocp.solvers.nlp.fatrop import Fatrop
 from nhpocp.solvers.nlp.guesses import ProblemGuess, make_guess
 from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting
-from nhpocp.solvers.nlp.optimizers import Fatrop
 from nhpocp.solvers.nlp.single_shooting import EXACT_HESSIAN_UP_TO, SingleShooting
 from nhpocp.solvers.nlp.staged_transcription import StagedTranscription
 

@@ -15,9 +15,9 @@ from nhpocp.problem import Via
 from nhpocp.problem_file import dump_problem, parse_problem, read_text, systems
 from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.step_rules import Adaptive, Euler
+from nhpocp.solvers.nlp.fatrop import Fatrop
 from nhpocp.solvers.nlp.guesses import StraightGuess
 from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting
-from nhpocp.solvers.nlp.optimizers import Fatrop
 from nhpocp.task import Task
 from nhpocp.views.figures import relative_pose
 

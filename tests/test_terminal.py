@@ -32,7 +32,7 @@ from nhpocp.deferred import Deferred
 from nhpocp.outcome import Outcome
 from nhpocp.problem_file import load_problem, read
 from nhpocp.solution_folder import load_solution
-from nhpocp.solvers.nlp.optimizers import Fatrop
+from nhpocp.solvers.nlp.fatrop import Fatrop
 
 PAPER = Path(__file__).parents[1] / "problems" / "paper.yaml"
 UNICYCLE = Path(__file__).parents[1] / "problems" / "unicycle.yaml"

@@ -18,6 +18,7 @@ from nhpocp.problem import Horizon, Via
 from nhpocp.problem_file import dump_problem, parse_problem, read_text
 from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.step_rules import Adaptive, Euler, Ode
+from nhpocp.solvers.nlp.fatrop import Fatrop
 from nhpocp.solvers.nlp.guesses import (
     NoGuessError,
     ProblemGuess,
@@ -27,8 +28,8 @@ from nhpocp.solvers.nlp.guesses import (
     meets,
     waypoints,
 )
+from nhpocp.solvers.nlp.ipopt import Ipopt
 from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting
-from nhpocp.solvers.nlp.optimizers import Fatrop, Ipopt
 from nhpocp.solvers.nlp.single_shooting import SingleShooting
 from nhpocp.solvers.nlp.task_rows import place, stage_times
 from nhpocp.systems.numeric import numeric_system

@@ -9,7 +9,7 @@ import numpy as np
 
 from nhpocp.arrays import Array
 from nhpocp.outcome import Outcome
-from nhpocp.solvers.nlp.optimizers import Optimum
+from nhpocp.solvers.nlp.optimizer import Optimum
 from nhpocp.solvers.nlp.transcription import Transcription
 
 SLIGHT = 1e-6  # what a row, in its own unit, may be broken by and still be said to hold

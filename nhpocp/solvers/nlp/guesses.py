@@ -51,11 +51,7 @@ class GuessMaker(Protocol):
 
 
 def make_guess(
-    maker: GuessMaker,
-    problem: PlanningProblem,
-    basis: ControlBasis | None,
-    intervals: int,
-    seed: int,
+    maker: GuessMaker, problem: PlanningProblem, basis: ControlBasis | None, intervals: int, seed: int
 ) -> Guess:
     """The guess of a maker over ``basis`` (None: piecewise constant), simulated.
 
@@ -99,12 +95,7 @@ def _check_memory(problem: PlanningProblem, basis: ControlBasis | None, interval
         ) from error
 
 
-def follow(
-    problem: PlanningProblem,
-    control: Control,
-    intervals: int,
-    steps: int,
-) -> Array:
+def follow(problem: PlanningProblem, control: Control, intervals: int, steps: int) -> Array:
     """States (intervals + 1, size) at the nodes under a control, by RK4 with ``steps`` per interval."""
     return _walk(problem, control, intervals * steps)[1][::steps]
 

@@ -22,7 +22,8 @@ from nhpocp.solvers.continuation.auto import Auto
 from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.step_rules import Adaptive
 from nhpocp.solvers.nlp.guesses import GuessMaker, ProblemGuess, SolverGuess, StraightGuess
-from nhpocp.solvers.nlp.optimizers import Ipopt, Optimizer
+from nhpocp.solvers.nlp.ipopt import Ipopt
+from nhpocp.solvers.nlp.optimizer import Optimizer
 from nhpocp.solvers.nlp.shooting_run import Run
 from nhpocp.solvers.nlp.single_shooting import SingleShooting
 from nhpocp.solvers.nlp.staged_transcription import StagedTranscription

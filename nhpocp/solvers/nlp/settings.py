@@ -22,7 +22,7 @@ TRANSCRIPTIONS: Family[Any] = Family(
     }
 )
 OPTIMIZERS: Family[Any] = Family(
-    {"ipopt": "nhpocp.solvers.nlp.optimizers:Ipopt", "fatrop": "nhpocp.solvers.nlp.optimizers:Fatrop"}
+    {"ipopt": "nhpocp.solvers.nlp.ipopt:Ipopt", "fatrop": "nhpocp.solvers.nlp.fatrop:Fatrop"}
 )
 GUESSES: Family[Any] = Family(
     {
