@@ -106,8 +106,7 @@ def write_comparison(
 
     _write_or_refuse(home / "comparison.json", numbers)
     _write_or_refuse(
-        home / "comparison.csv",
-        lambda file: file.write_text(comparison.to_csv(), newline="", **TEXT),
+        home / "comparison.csv", lambda file: file.write_text(comparison.to_csv(), newline="", **TEXT)
     )
     animations = _write_animations(comparison, home, animate, lost) if animate else {}
     files = [home / name for name in (*COMPARISON, *animations.values())]

@@ -11,10 +11,7 @@ FORMULA = tuple("=+-@＝＋－＠")  # what a spreadsheet executes, after spaces
 
 
 def write_table(
-    stream: TextIO,
-    names: Iterable[str],
-    rows: Iterable[Iterable[Any]],
-    truth: tuple[str, str] = ("0", "1"),
+    stream: TextIO, names: Iterable[str], rows: Iterable[Iterable[Any]], truth: tuple[str, str] = ("0", "1")
 ) -> None:
     """A header and rows; ``truth``: how False and True are spelt."""
     writer = csv.writer(stream)  # lines end in \r\n: with another end a \r within a text would go unquoted

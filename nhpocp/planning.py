@@ -124,8 +124,7 @@ def _missed_by_the_drift(problem: PlanningProblem, solver: Solver) -> str:
         return ""
     horizon = problem.horizon.fixed
     control = problem.control(np.zeros((0, problem.basis.size)), horizon)
-    motion = simulate(problem, control)
-    error = _error_at_the_end(problem, motion.trajectory)
+    error = _error_at_the_end(problem, simulate(problem, control).trajectory)
     if error <= solver.tolerance:
         return ""
     return f"{problem.system.model} has no inputs, and its drift ends E = {error:.3g} from the goal at t = {horizon:g}"

@@ -56,8 +56,7 @@ def _coefficients(w: Array) -> tuple[Array, Array]:
     xp = namespace(w)
     squared = dot(w, w)
     near = squared < SERIES_BELOW
-    safe = xp.where(near, 1.0, squared)
-    angle = xp.sqrt(safe)
+    angle = xp.sqrt(xp.where(near, 1.0, squared))
     small = xp.where(near, squared, 0.0)  # keeps the series' own dead branch small
     terms = range(8)
     first = xp.where(
@@ -111,8 +110,7 @@ def log(rotation: Array) -> Array:
     beyond = xp.atan2(dot(axis, direction), cosine) * direction
     near = xp.where(far, 0.0, xp.where(squared < 1e-3, 1.0, 0.0)) > 0.5
     sine = xp.sqrt(xp.where(near, 1.0, xp.where(far, 1.0, squared)))
-    small = xp.where(near, squared, 0.0)
-    series = _series(small, ARCSINE)
+    series = _series(xp.where(near, squared, 0.0), ARCSINE)
     return xp.where(far, beyond, xp.where(near, series, xp.atan2(sine, cosine) / sine) * axis)
 
 

@@ -54,12 +54,7 @@ class Replay:
     agreement: float | None = None  # max distance from the replay of the system's own equations
 
     def to_json(self) -> dict[str, Any]:
-        return {
-            "error": self.error,
-            "reached_t": self.reached,
-            "ok": self.ok,
-            "agreement": self.agreement,
-        }
+        return {"error": self.error, "reached_t": self.reached, "ok": self.ok, "agreement": self.agreement}
 
 
 @dataclass(frozen=True)

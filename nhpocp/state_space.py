@@ -268,8 +268,7 @@ class StateSpace(Frozen):
         for block in self.blocks:
             part = rate[self._points[block.name]]
             if block.kind == "rotation":
-                rows = xp.rows([part[0:3], part[3:6], part[6:9]])
-                part = so3.vee(rows @ values[block.name].T)
+                part = so3.vee(xp.rows([part[0:3], part[3:6], part[6:9]]) @ values[block.name].T)
             parts.append(part)
         return xp.concatenate(parts)
 

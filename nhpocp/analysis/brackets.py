@@ -86,8 +86,7 @@ class LieAlgebra:
     def __init__(self, system: System) -> None:
         self._space = system.state_space
         self._x = ca.SX.sym("x", self._space.size)
-        fields = ca.densify(ca.SX(system.vector_fields(self._x)))
-        columns = ca.horzsplit(fields)
+        columns = ca.horzsplit(ca.densify(ca.SX(system.vector_fields(self._x))))
         self.names = list(system.input_space.labels)
         if not system.driftless:
             columns = [ca.SX(system.drift(self._x)), *columns]

@@ -45,8 +45,7 @@ class Coordinate:
         values = states[:, space.point_slice(self.block.name)]
         if self.block.kind != "rotation":
             return np.asarray(values[:, self.place])
-        angles = [float(so3.to_rpy(row.reshape(3, 3))[self.place]) for row in values]
-        return np.unwrap(angles)
+        return np.unwrap([float(so3.to_rpy(row.reshape(3, 3))[self.place]) for row in values])
 
 
 def placed(space: StateSpace, base: Array, coordinates: Sequence[Coordinate], values: Array) -> Array:

@@ -112,8 +112,7 @@ def parse_slice(text: str, space: StateSpace) -> list[Span]:
         low, colon, high = limits.partition(":")
         if equals and not colon:
             raise click.BadParameter(f"{limits!r}; expected LO:HI", param_hint="--slice")
-        ends = (_number(low), _number(high)) if equals else (None, None)
-        spans.append(Span(coordinate, *ends))
+        spans.append(Span(coordinate, *((_number(low), _number(high)) if equals else (None, None))))
     return spans
 
 

@@ -178,8 +178,7 @@ def _comparison_table(
         gap = f"{_gap(row)} %" if row["converged"] else "-"
         more = [gap, f"{_figure(row['solve_s'], '.2f')} s"] if wide else []
         numbers = [_figure(row["verified_error"], ".1e"), _figure(row["objective_value"], ".5g"), *more]
-        run = f"{row['name']} by {row['variant']}"
-        table.add_row(run, _outcome(row["outcome"]), *numbers)
+        table.add_row(f"{row['name']} by {row['variant']}", _outcome(row["outcome"]), *numbers)
     drawn.print(table)
     for entry in comparison.entries:
         if not entry.solution.converged and not tasks:  # else it was said as the run ended

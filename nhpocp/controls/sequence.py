@@ -61,8 +61,7 @@ class SequenceBasis(ControlBasis):
             own = first + (0 if table.first is None else table.first)
             columns[mine] = np.minimum(own, self.size - width)
             shifted = (own - columns[mine])[:, None] + np.arange(table.values.shape[1])
-            rows = np.flatnonzero(mine)[:, None]
-            values[rows, shifted] = table.values
+            values[np.flatnonzero(mine)[:, None], shifted] = table.values
         return Table(values, self.size, columns)
 
     @property

@@ -265,8 +265,7 @@ class CasadiFlow(Flow):
         return self._jacobians[key]
 
     def states(self, start: Array, coefficients: Array) -> Array:
-        walked = self._walk(x0=start, p=np.ravel(coefficients))["xf"]
-        return np.vstack([start, np.array(walked).T])
+        return np.vstack([start, np.array(self._walk(x0=start, p=np.ravel(coefficients))["xf"]).T])
 
     def end(self, start: Array, coefficients: Array) -> Array:
         return np.array(self._end(x0=start, p=np.ravel(coefficients))["xf"]).ravel()

@@ -45,8 +45,7 @@ class Grid:
     def by_coefficients(self, gathered: Array) -> Array:
         """Derivatives by λ, (rows, m·size), from those by the controls at the samples, (samples, rows, m)."""
         count, rows, inputs = gathered.shape
-        summed = self.samples.transposed(gathered.reshape(count, rows * inputs))
-        return summed.T.reshape(rows, -1)
+        return self.samples.transposed(gathered.reshape(count, rows * inputs)).T.reshape(rows, -1)
 
 
 class Sweep(NamedTuple):
@@ -110,8 +109,7 @@ class Scheme:
         linearised, observed, watched = dynamics.linearised, dynamics.observed, dynamics.watched
         self.size, self.inputs = rate.size1_in(0), rate.size1_in(1)
         self._y, self._u = ca.SX.sym("y", self.size), ca.SX.sym("u", self.inputs)
-        whole = ca.DM.eye(self.size)
-        self._observed = ca.SX(whole if observed is None else observed(self._y))
+        self._observed = ca.SX(ca.DM.eye(self.size) if observed is None else observed(self._y))
         self._watched = ca.SX(0, 1) if watched is None else watched(self._y)
         self.rows, self.watches = self._observed.size1(), self._watched.size1()
         self._slopes = _Packed(

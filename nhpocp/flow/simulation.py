@@ -56,10 +56,7 @@ def _sampled(problem: PlanningProblem, control: Control, times: Array, path: Arr
     kept = np.linspace(0.0, control.horizon, problem.samples)
     places = np.searchsorted(times, kept - 1e-9 * control.horizon)
     states = path[np.clip(places, 0, len(times) - 1)]
-    return {
-        "t": kept,
-        **numeric_system(problem.system).trajectory(states, control(kept), problem.scale),
-    }
+    return {"t": kept, **numeric_system(problem.system).trajectory(states, control(kept), problem.scale)}
 
 
 def _costs(problem: PlanningProblem, control: Control, times: Array, path: Array) -> dict[str, float]:

@@ -17,10 +17,7 @@ def _side(value: Any) -> float | None:
     return None if value is None else parse_number(value)
 
 
-Side = Annotated[
-    float | None,
-    Checked(_side, {**NUMBER_SCHEMA, "type": ["number", "string", "null"]}),
-]
+Side = Annotated[float | None, Checked(_side, {**NUMBER_SCHEMA, "type": ["number", "string", "null"]})]
 
 
 def _pair(value: Any) -> Any:

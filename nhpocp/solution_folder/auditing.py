@@ -68,14 +68,10 @@ def audit(folder: str | os.PathLike[str]) -> Audit:
     stated = json.loads(json_content(home / "solution.json"))
     verdict = verify(stored)
     costs = replayed_costs(stored.problem, stored.control) if verdict.error is not None else None
-    judged = stored.judged(verdict)
-    fresh = replace(judged, timing=stored.timing, costs=costs or stored.costs)
+    fresh = replace(stored.judged(verdict), timing=stored.timing, costs=costs or stored.costs)
     comparison = _Comparison(home, stated, stored, fresh, costs is not None)
     return Audit(
-        _as_stored(stored, fresh),
-        stored,
-        list(comparison.differences()),
-        list(comparison.unchecked()),
+        _as_stored(stored, fresh), stored, list(comparison.differences()), list(comparison.unchecked())
     )
 
 

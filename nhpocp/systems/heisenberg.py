@@ -24,7 +24,7 @@ class Heisenberg(System):
 
     model: ClassVar[str] = "heisenberg"
     declared: ClassVar[Mapping[str, Parameter]] = {
-        "scale": Parameter("number", 1.0, "c in ż = c (x u2 - y u1); not 0"),
+        "scale": Parameter("number", 1.0, "c in ż = c (x u2 - y u1); not 0")
     }
     example: ClassVar[Mapping[str, Any]] = {
         "start": {"x": 0, "y": 0, "z": 0},

@@ -102,7 +102,7 @@ class ParallelRobot(System):
             None,
             "the legs, {base, platform, base_joint, r, w1, w2, w4, length, actuated} each; default: preset mixed",
             keys=LEG,
-        ),
+        )
     }
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {
         "mixed": {

@@ -110,8 +110,7 @@ def residuals(numeric: NumericSystem, states: Array, controls: Array) -> tuple[A
             (driven if leg.actuated else held).append(motion.derivative(length))
     u = controls if "u" in system.input_space.names else numeric.outputs(states, controls)["u"]
     off = np.linalg.norm(np.column_stack([np.stack(driven, axis=1) - u, *held]), axis=1)
-    leg_rate = off / np.maximum(np.linalg.norm(u, axis=1), FLOOR * safe * shortest)
-    return rolling, leg_rate
+    return rolling, off / np.maximum(np.linalg.norm(u, axis=1), FLOOR * safe * shortest)
 
 
 def _angular_velocity(rate: Array, frame: Array) -> Array:

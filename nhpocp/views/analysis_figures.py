@@ -267,8 +267,7 @@ def plot_axes(axes: Any, places: Array, system: System, ellipsoid: Ellipsoid) ->
     axes.set_title("its direction in tangent coordinates", loc="left")
     axes.grid(visible=False)
     axes.tick_params(length=0)
-    bar = axes.figure.colorbar(mesh, ax=axes, pad=0.02, aspect=28)
-    bar.outline.set_linewidth(0.4)
+    axes.figure.colorbar(mesh, ax=axes, pad=0.02, aspect=28).outline.set_linewidth(0.4)
 
 
 def _component(system: System, label: str) -> str:

@@ -197,8 +197,7 @@ def plot_broken(axes: Any, solution: Solution, report: BoundReport) -> None:
 
 def _bound_words(solution: Solution, report: BoundReport) -> str:
     _, mathtext, unit = notation(solution.problem.system, report.bound.quantity)
-    words = report.bound.label.partition(".")[0].replace("_", " ")
-    return axis_label(words, mathtext, unit)
+    return axis_label(report.bound.label.partition(".")[0].replace("_", " "), mathtext, unit)
 
 
 def _flat(solution: Solution, report: BoundReport) -> int:

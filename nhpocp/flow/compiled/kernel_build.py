@@ -96,8 +96,7 @@ def build(workshop: Path, key: str, compiler: Sequence[str]) -> str:
     target, said = workshop / f"kernel{SUFFIX}", "no flags"
     try:
         for flags in FLAGS:
-            command = [*compiler, *flags, SOURCE, "-o", target.name, "-lm"]
-            status, words = _run(command, workshop)
+            status, words = _run([*compiler, *flags, SOURCE, "-o", target.name, "-lm"], workshop)
             if status == 0 and target.exists():
                 target.chmod(0o700)  # whatever the umask: a kernel that others may write to is not loaded
                 os.replace(target, workshop.parent / f"{key}-{digest(target.read_bytes())}{SUFFIX}")

@@ -50,11 +50,7 @@ class Kernels(ABC):
         )
 
     def _done(
-        self,
-        place: Place[K],
-        recipe: Recipe[K],
-        compiled: Callable[[K], R],
-        otherwise: Callable[[], R],
+        self, place: Place[K], recipe: Recipe[K], compiled: Callable[[K], R], otherwise: Callable[[], R]
     ) -> R:
         """What the kernel of a place gives, or CasADi's evaluation, whose time is taken down."""
         kernel = self.wanted(place, recipe, 0.0)

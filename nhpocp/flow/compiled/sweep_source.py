@@ -134,8 +134,7 @@ def c_source(scheme: Scheme) -> str:
     row_lanes = next((lanes for lanes in (1, 2, 4) if scheme.rows <= lanes), -(-scheme.rows // LANES) * LANES)
     letters = {"N": scheme.size, "M": scheme.inputs, "R": scheme.rows, "LR": row_lanes, "L": LANES}
     letters |= {"E": scheme.entries, "W": scheme.watches, "SLOTS": slots(scheme)}
-    sizes = sizes_text(scheme.tableau, **letters)
-    return f"{head}{sizes}{texts}{_LOOPS}"
+    return f"{head}{sizes_text(scheme.tableau, **letters)}{texts}{_LOOPS}"
 
 
 def slots(scheme: Scheme) -> int:

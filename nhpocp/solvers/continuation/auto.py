@@ -115,8 +115,7 @@ class _Search:
         return Ending(Outcome.NOT_REACHED, f"Nothing that was tried reached the goal. {given_up}{each}")
 
     def _note(self, way: str, outcome: str, error: float) -> None:
-        before = sum(entry["evaluations"] for entry in self.tried)
-        evaluations = len(self.records) - before
+        evaluations = len(self.records) - sum(entry["evaluations"] for entry in self.tried)
         self.tried.append({"way": way, "outcome": outcome, "error": error, "evaluations": evaluations})
 
     def _ways(self) -> Iterator[tuple[str, ContinuationResult]]:
@@ -268,8 +267,7 @@ class _Search:
                 step *= 0.5
         if not self._may_try():
             return None
-        arrived = self._try(replace(problem, initial=coefficients), 0)
-        return self._finished(arrived, self.base)
+        return self._finished(self._try(replace(problem, initial=coefficients), 0), self.base)
 
     def _between(self, here: Array, fraction: float) -> dict[str, Array] | None:
         """The goal's blocks part of the geodesic to it; None where it has two (a half turn) or names outputs."""

@@ -89,8 +89,7 @@ def minimise(
     for k in range(most):
         history.append({"k": k, "cost": point.f, "optimality": float(norm(point.residual))})
         step = point.step(model)
-        slope = max(1.0, float(norm(point.slope)))
-        small = history[-1]["optimality"] < tolerance * slope
+        small = history[-1]["optimality"] < tolerance * max(1.0, float(norm(point.slope)))
         stationary = bool(small or step.predicted <= NOTHING * abs(point.f))
         if stationary:
             break
