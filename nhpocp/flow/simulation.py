@@ -47,7 +47,10 @@ def simulate(problem: PlanningProblem, control: Control) -> Motion:
 
     return Motion(
         Deferred(lambda: _sampled(problem, control, *integrated())),
-        Deferred(lambda: _costs(problem, control, *integrated()), exact_costs(control)),
+        Deferred(
+            lambda: _costs(problem, control, *integrated()) | exact_costs(control),
+            {"effort": control.effort},
+        ),
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import ceil
 from typing import TYPE_CHECKING
 
 from nhpocp.arrays import Array
@@ -14,7 +15,9 @@ if TYPE_CHECKING:
     from nhpocp.controls.table import Gram
 
 POINTS = 16  # Gauss-Legendre nodes a piece
+PIECES = 2  # for each period of the fastest function: so many nodes integrate its square to rounding
 JUMP = 1e-9  # of a control of size 1: rounding
+MOST = 400  # functions, beyond which the matrix takes longer than a solve, and only who asks for it has it made
 
 
 class ControlRate(ControlObjective):
@@ -39,12 +42,15 @@ class ControlRate(ControlObjective):
         jump = np.abs(control(breaks, "left") - control(breaks, "right")).max(initial=0.0)
         return f"{self.name} asks for a derivative, and {basis.kind} controls jump" if jump > JUMP else ""
 
+    def of_control(self, control: Control) -> float | None:
+        return None if control.basis.size > MOST else super().of_control(control)
+
     def gram(self, basis: ControlBasis, horizon: float) -> Gram:
         import numpy as np
 
         from nhpocp.controls.table import Gram
 
-        pieces = max(1, int(4 * basis.oscillations))
+        pieces = max(1, ceil(PIECES * basis.oscillations))
         knots = np.unique(np.concatenate([np.linspace(0, 1, pieces + 1), basis.breakpoints(1.0)])) * horizon
         nodes, weights = np.polynomial.legendre.leggauss(POINTS)
         middles, halves = 0.5 * (knots[1:] + knots[:-1])[:, None], 0.5 * np.diff(knots)[:, None]
