@@ -17,7 +17,8 @@ if TYPE_CHECKING:
 POINTS = 16  # Gauss-Legendre nodes a piece
 PIECES = 2  # for each period of the fastest function: so many nodes integrate its square to rounding
 JUMP = 1e-9  # of a control of size 1: rounding
-MOST = 400  # functions, beyond which the matrix takes longer than a solve, and only who asks for it has it made
+# functions, beyond which the matrix takes longer than a solve, and only who asks for it has it made
+MOST = 400
 
 
 class ControlRate(ControlObjective):

@@ -150,10 +150,7 @@ class StagedTranscription(Transcription):
         gradient = ca.vertcat(ca.vec(gradients), ca.DM.zeros(self.interval.nodes))
         values, blocks = shots.jacobian(stages, parameters)
         constants = np.ones(N * self.interval.nodes + self.interval.dimension + len(self.terminal))
-        met = [
-            ca.vec(meeting.jacobian(self._variables(meeting, x), meeting.parameters))
-            for meeting in self.meetings
-        ]
+        met = [ca.vec(meeting.jacobian(*self._of(meeting, x))) for meeting in self.meetings]
         sparsity, mapping = self._pattern["jacobian"]
         jacobian = ca.MX(sparsity, ca.vertcat(ca.vec(blocks), ca.DM(constants), *met)[mapping])
         weight, multipliers = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", len(self.rows))
@@ -184,23 +181,20 @@ class StagedTranscription(Transcription):
         for meeting in self._met_within:
             parts.append(ca.vec(gaps[:, done : meeting.stage + 1]))
             done = max(done, meeting.stage + 1)
-            parts.append(meeting.value(self._variables(meeting, x), meeting.parameters))
+            parts.append(meeting.value(*self._of(meeting, x)))
         parts += [ca.vec(gaps[:, done:]), x[self.intervals * self.stage + self.terminal]]
-        parts += [
-            meeting.value(self._variables(meeting, x), meeting.parameters) for meeting in self._met_last
-        ]
-        return ca.vertcat(*parts)
+        return ca.vertcat(*parts, *(meeting.value(*self._of(meeting, x)) for meeting in self._met_last))
 
-    def _variables(self, meeting: TaskRows, x: ca.MX) -> ca.MX:
+    def _of(self, meeting: TaskRows, x: ca.MX) -> tuple[ca.MX, Array]:
+        """The variables w and the parameters p of a meeting."""
         first = self.stage * meeting.stage
-        return x[first : first + meeting.w.numel()]
+        return x[first : first + meeting.w.numel()], meeting.parameters
 
     def _with_meetings(self, hessians: ca.MX, x: ca.MX, multipliers: ca.MX) -> ca.MX:
         """The Hessians of all stages as one column, the meetings' added; the last node's own, if any, at the end."""
         added: dict[int, ca.MX] = {}
         for meeting, first in zip(self.meetings, self._meeting_rows, strict=True):
-            mine = multipliers[first : first + meeting.size]
-            own = meeting.hessian(self._variables(meeting, x), meeting.parameters, mine)
+            own = meeting.hessian(*self._of(meeting, x), multipliers[first : first + meeting.size])
             added[meeting.stage] = added.get(meeting.stage, 0) + own
         columns, done = [], 0
         for stage in sorted(k for k in added if k < self.intervals):

@@ -136,11 +136,9 @@ class Transcription(ABC):
             meetings.append(
                 self.interval.meeting(task, stage, offset, self.references[stage], self.intervals, self.units)
             )
-        return meetings + (
-            [self.interval.last_meeting(goal, self.references[-1], self.intervals, self.units)]
-            if goal.outputs
-            else []
-        )
+        if goal.outputs:
+            meetings.append(self.interval.last_meeting(goal, self.references[-1], self.intervals, self.units))
+        return meetings
 
     @property
     def _met_last(self) -> list[TaskRows]:
