@@ -25,9 +25,8 @@ from nhpocp.systems.system import System
 class Bound(Frozen):
     """lower ≤ quantity ≤ upper at every time, componentwise; bounds broadcast over the quantity's components."""
 
-    label: (
-        str  # as the problem file calls it: leg_length, leg_speed, control, clearance.sigma_s, state.position
-    )
+    # as the problem file calls it: leg_length, leg_speed, control, clearance.sigma_s, state.position
+    label: str
     quantity: str  # the trajectory's name for it: leg_lengths, u, v, sigma_s, position
     lower: Any = -np.inf
     upper: Any = np.inf

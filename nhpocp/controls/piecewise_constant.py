@@ -42,9 +42,8 @@ class PiecewiseConstant(ControlBasis):
     def local_table(self, times: Array, horizon: float, side: Side = "right") -> Table:
         position = np.asarray(times, dtype=float) * self.intervals / horizon
         nearest = np.rint(position)
-        position = np.where(
-            np.abs(position - nearest) < 1e-9, nearest, position
-        )  # a breakpoint up to rounding
+        # a breakpoint up to rounding
+        position = np.where(np.abs(position - nearest) < 1e-9, nearest, position)
         place = np.floor(position) if side == "right" else np.ceil(position) - 1
         place = np.clip(place, 0, self.intervals - 1).astype(int)
         return Table(np.ones((len(position), 1)), self.intervals, place)
