@@ -13,7 +13,7 @@ from nhpocp.problem_file.building import build_solver
 TEXT = dump_problem(paper_problem(pictures=False))
 METHODS = {
     "jacobian": {"step_rule": "auto", "objective": "effort"},
-    "nlp": {"intervals": 20, "control": "basis"},
+    "nlp": {"intervals": 20},
 }
 
 
