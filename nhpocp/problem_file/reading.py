@@ -190,7 +190,8 @@ def _stem(path: FilePath | None) -> str:
 def _validated(raw: dict[str, Any]) -> tuple[ProblemData, System]:
     """The shape of a file: every key, name and number. Errors: `InvalidProblemError` with all the `others`."""
     wrong: list[InvalidProblemError] = []
-    system, block = None, None
+    system: Any = None
+    block: Any = None
     if "system" in raw:
         try:
             system, block = read_system(raw["system"])
@@ -201,8 +202,7 @@ def _validated(raw: dict[str, Any]) -> tuple[ProblemData, System]:
         data = ProblemData.model_validate({**raw, "system": {}} if "system" in raw else raw)
     except ValidationError as error:
         wrong += translate(error, ProblemData)
-    refuse(wrong)
-    assert system is not None  # or it would be a key that is missing
+    refuse(wrong)  # among them a system that is missing
     return data.model_copy(update={"system": block}), system
 
 
