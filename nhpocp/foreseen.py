@@ -13,6 +13,7 @@ from nhpocp.arrays import Array
 from nhpocp.constraints.bound import Bound, BoundReport, check_bounds
 from nhpocp.objectives.registry import OBJECTIVES
 from nhpocp.problem import PlanningProblem
+from nhpocp.singular_values import svd
 from nhpocp.systems.margins import margin
 
 FORGIVEN = 2e-3  # of its size: by how much each bound is widened first, twice what verification forgives
@@ -58,7 +59,7 @@ def _of_the_pose(problem: PlanningProblem, pose: Mapping[str, Any]) -> dict[str,
         if bounded := margin(name):
             scaled = system.regularity(point)[bounded.matrix]
             scaled = scaled / system.column_scales(bounded.matrix, problem.scale)
-            least = np.linalg.svd(scaled, compute_uv=False)[-1] if np.isfinite(scaled).all() else np.nan
+            least = svd(scaled, compute_uv=False)[-1] if np.isfinite(scaled).all() else np.nan
             values[name] = least
             continue
         try:

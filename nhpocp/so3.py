@@ -15,6 +15,7 @@ from typing import Any
 
 from nhpocp.arrays import Array, cross, dot, namespace, norm
 from nhpocp.errors import InvalidProblemError, OrientationAtPiError, describe
+from nhpocp.singular_values import svd
 
 # arcsin(s)/s in powers of s²
 ARCSINE = [1.0, 1 / 6, 3 / 40, 15 / 336, 105 / 3456, 945 / 42240, 10395 / 599040]
@@ -184,7 +185,7 @@ def nearest(matrix: Array) -> Array:
     """The rotations nearest to matrices of numbers (…, 3, 3) in the Frobenius norm (their polar factors)."""
     import numpy as np
 
-    left, _, right = np.linalg.svd(np.asarray(matrix, dtype=float))
+    left, _, right = svd(np.asarray(matrix, dtype=float))
     left[..., 2] *= np.sign(np.linalg.det(left @ right))[..., None]
     return left @ right
 

@@ -15,6 +15,7 @@ from nhpocp.arrays import Array, namespace
 from nhpocp.calls import call, side_by_side
 from nhpocp.errors import OrientationAtPiError
 from nhpocp.kept import kept
+from nhpocp.singular_values import svd
 from nhpocp.state_space import Block, StateSpace, Unit
 from nhpocp.systems.system import System
 
@@ -227,7 +228,7 @@ def _difference(space: StateSpace, fixed: StateSpace) -> ca.Function:
 
 def _plane(direction: Array) -> Array:
     """Orthonormal columns (3 × 2) perpendicular to a unit vector."""
-    return np.linalg.svd(np.reshape(direction, (1, 3)))[2][1:].T
+    return svd(np.reshape(direction, (1, 3)))[2][1:].T
 
 
 def _observed(system: System, name: str, point: Array) -> tuple[Array, Array]:

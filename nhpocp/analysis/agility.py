@@ -23,6 +23,7 @@ from nhpocp.flow.end_point_map import DifferentiatedEndPointMap
 from nhpocp.flow.integrators import RungeKutta4
 from nhpocp.flow.step_error import finer, resolving
 from nhpocp.flow.variational import gram_matrix
+from nhpocp.singular_values import svd
 from nhpocp.systems.system import System
 
 MAIN = 0.3  # of an axis' largest number: what is less is not named
@@ -39,7 +40,7 @@ class Ellipsoid:
     @classmethod
     def of_map(cls, matrix: Array, labels: tuple[str, ...]) -> Ellipsoid:
         """The image of the unit ball under a matrix; of no thickness where that has fewer columns than rows."""
-        axes, values, _ = np.linalg.svd(matrix)
+        axes, values, _ = svd(matrix)
         return cls(labels, axes, np.pad(values, (0, len(matrix) - len(values))))
 
     @classmethod

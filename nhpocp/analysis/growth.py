@@ -24,6 +24,7 @@ from nhpocp.analysis.brackets import LieAlgebra, TooLargeError, Word, factors
 from nhpocp.analysis.minima import golden_section
 from nhpocp.analysis.spectrum import Spectrum
 from nhpocp.arrays import Array
+from nhpocp.singular_values import svd
 from nhpocp.systems.numeric import numeric_system
 from nhpocp.systems.system import System
 
@@ -177,7 +178,7 @@ class Fields:
         values = self.at(points, degree)
         good = np.isfinite(values).all(axis=(1, 2))
         if good.any():
-            spectra = np.linalg.svd(values[good], compute_uv=False)
+            spectra = svd(values[good], compute_uv=False)
             margins[good] = spectra[:, rank - 1] / np.maximum(spectra[:, 0], 1e-300)
         return margins
 

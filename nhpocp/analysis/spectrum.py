@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from nhpocp.arrays import Array
+from nhpocp.singular_values import svd
 
 
 @dataclass(frozen=True)
@@ -20,7 +19,7 @@ class Spectrum:
     @classmethod
     def of(cls, matrix: Array, tolerance: float) -> Spectrum:
         """Of a finite matrix."""
-        return cls(tuple(float(value) for value in np.linalg.svd(matrix, compute_uv=False)), tolerance)
+        return cls(tuple(float(value) for value in svd(matrix, compute_uv=False)), tolerance)
 
     @property
     def largest(self) -> float:

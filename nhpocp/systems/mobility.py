@@ -8,6 +8,7 @@ import numpy as np
 
 from nhpocp.arrays import Array
 from nhpocp.errors import InvalidProblemError
+from nhpocp.singular_values import svd
 from nhpocp.systems.parallel_robot import ParallelRobot
 
 RANK = 1e-9  # singular values below this fraction of the largest count as zero
@@ -58,7 +59,7 @@ def mobility(robot: ParallelRobot, state: Array) -> Mobility:
         )
     kinds = [kind for leg in robot.legs for kind in leg.constraint_kinds]
     held = rows[[kind == "holonomic" for kind in kinds]]
-    _, values, right = np.linalg.svd(rows)
+    _, values, right = svd(rows)
     independent = _rank(values)
     return Mobility(
         legs=tuple(leg.describe() for leg in robot.legs),
@@ -67,7 +68,7 @@ def mobility(robot: ParallelRobot, state: Array) -> Mobility:
         non_holonomic=robot.non_holonomic,
         independent=independent,
         freedom=6 - independent,
-        reachable=6 - (_rank(np.linalg.svd(held, compute_uv=False)) if len(held) else 0),
+        reachable=6 - (_rank(svd(held, compute_uv=False)) if len(held) else 0),
         twists=right[independent:].T,
     )
 

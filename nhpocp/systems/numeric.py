@@ -12,6 +12,7 @@ import numpy as np
 from nhpocp.arrays import Array
 from nhpocp.calls import call, mapped
 from nhpocp.kept import kept
+from nhpocp.singular_values import svd
 from nhpocp.systems.margins import det, sigma
 from nhpocp.systems.system import System
 
@@ -165,7 +166,7 @@ def _evaluate(
 def _least_singular_value(matrices: Array) -> Array:
     """Of (k, r, r), NaN where an entry is."""
     finite = np.isfinite(matrices).all(axis=(1, 2))
-    values = np.linalg.svd(np.where(finite[:, None, None], matrices, 0.0), compute_uv=False)
+    values = svd(np.where(finite[:, None, None], matrices, 0.0), compute_uv=False)
     return np.where(finite, values[:, -1], np.nan)
 
 
@@ -182,7 +183,7 @@ def _least_along(matrices: Array) -> float | None:
     if np.isfinite(gram).all():
         squares, doubt = np.linalg.eigvalsh(gram)[:, 0], ROUNDING * np.trace(gram, axis1=1, axis2=2)
         candidates = candidates[squares - doubt <= (squares + doubt).min()]
-    return float(np.linalg.svd(candidates, compute_uv=False)[:, -1].min())
+    return float(svd(candidates, compute_uv=False)[:, -1].min())
 
 
 def _determinant(matrices: Array) -> Array:

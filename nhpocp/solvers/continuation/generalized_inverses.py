@@ -12,6 +12,7 @@ import numpy as np
 
 from nhpocp.arrays import Array
 from nhpocp.controls.basis import ControlBasis
+from nhpocp.singular_values import svd
 from nhpocp.solvers.continuation.trust_region import Number, lengths, within_radius
 from nhpocp.solvers.metrics import Coordinates, WeightedMetric, weight_root
 
@@ -199,7 +200,7 @@ class Lagrangian(GeneralizedInverse):
 
 def scaled_svd(jacobian: Array, coordinates: Coordinates) -> tuple[Array, Array, Array]:
     """Singular value decomposition of J between the metric's orthonormal coordinates and the error."""
-    left, values, right = np.linalg.svd(coordinates.jacobian(jacobian), full_matrices=False)
+    left, values, right = svd(coordinates.jacobian(jacobian), full_matrices=False)
     return left, values, right
 
 

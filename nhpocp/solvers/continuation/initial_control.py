@@ -11,6 +11,7 @@ from nhpocp.arrays import Array
 from nhpocp.errors import InvalidProblemError
 from nhpocp.flow.end_point_map import EndPointMap
 from nhpocp.problem import PlanningProblem
+from nhpocp.singular_values import svd
 from nhpocp.solvers.continuation.end_point_error import EndPointError
 from nhpocp.systems.numeric import numeric_system
 
@@ -101,7 +102,7 @@ def _drawn_starts(
             yield draw, None
             continue
         jacobian = EndPointError(problem, end).jacobian * columns
-        values = np.linalg.svd(jacobian, compute_uv=False)
+        values = svd(jacobian, compute_uv=False)
         known = values.size == len(jacobian) and values[0] > 0
         yield draw, Start(coefficients, float(values[-1] / values[0]) if known else 0.0)
 

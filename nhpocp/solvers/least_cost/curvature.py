@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from nhpocp.arrays import Array
+from nhpocp.singular_values import svd
 
 MOST = 100  # directions; among no more coefficients than that the model is the full matrix
 DEPENDENT = 1e-10  # of a vector: what is left of it outside the directions that counts as none
@@ -45,7 +46,7 @@ class Curvature:
         columns = columns / np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny)
         for _ in range(2):  # the second time for what rounding left
             columns = columns - self.seen @ (self.seen.T @ columns)
-        left, values, _ = np.linalg.svd(columns, full_matrices=False)
+        left, values, _ = svd(columns, full_matrices=False)
         new = left[:, values > DEPENDENT]
         inner = self.flat * np.eye(rank + new.shape[1])
         inner[:rank, :rank] = self.inner

@@ -24,6 +24,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from nhpocp.arrays import Array, norm
+from nhpocp.singular_values import svd
 from nhpocp.solvers.budget import Budget
 from nhpocp.solvers.least_cost.curvature import Curvature
 
@@ -153,7 +154,7 @@ class _Point:
         """To the minimiser of the model on the linearised surface."""
         model = model.over(self.J.T, self.slope)  # among these it lies
         seen, hessian = model.seen, model.inner
-        left, values, right = np.linalg.svd(self.J @ seen)
+        left, values, right = svd(self.J @ seen)
         rank = int(np.sum(values > 1e-10 * values[0]))
         normal, null = -right[:rank].T @ ((left.T @ self.e)[:rank] / values[:rank]), right[rank:].T
         slope = null.T @ (seen.T @ self.slope + hessian @ normal)

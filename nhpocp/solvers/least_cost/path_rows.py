@@ -24,6 +24,7 @@ from nhpocp.flow.step_error import FINER
 from nhpocp.kept import kept
 from nhpocp.objectives.quantity import quantity
 from nhpocp.problem import PlanningProblem
+from nhpocp.singular_values import svd
 from nhpocp.systems.numeric import numeric_system
 from nhpocp.systems.system import System
 
@@ -217,7 +218,7 @@ class _Clearance(_Family):
     def _decomposed(self, states: Array) -> tuple[Array, Array, Array, Array]:
         """a (k, 2, rows), σ (k, 2), b (k, 2, columns) of the two least singular values, and the least one's sign."""
         matrices = self._numeric.regularity(states)[self._name] / self._columns
-        left, values, right = np.linalg.svd(matrices)
+        left, values, right = svd(matrices)
         signs = np.ones((len(states), 2))
         signs[:, 0] = np.where(np.linalg.det(matrices) * self._orientation < 0, -1.0, 1.0)
         return left[:, :, :-3:-1].swapaxes(1, 2), values[:, :-3:-1], right[:, :-3:-1], signs
