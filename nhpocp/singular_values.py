@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
 from nhpocp.arrays import Array
 
 PLAIN = (
@@ -19,6 +17,8 @@ def svd(matrices: Array, **asked: Any) -> Any:
 
     Errors: `numpy.linalg.LinAlgError` where an entry is not finite.
     """
+    import numpy as np  # declaring a system needs no numpy
+
     matrices = np.asarray(matrices, dtype=float)
     largest = np.abs(matrices).max(initial=0.0)
     if not np.isfinite(largest):
