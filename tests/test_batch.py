@@ -7,13 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import paper_problem
 from goals import reachable_goals
 
 import nhpocp
 from nhpocp.outcome import Outcome
 from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.step_rules import Adaptive
+from tests.conftest import paper_problem
 
 
 @pytest.fixture(scope="module")

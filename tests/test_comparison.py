@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import Integrators, paper_problem
 
 from nhpocp.cli.entry import status
 from nhpocp.comparison import Comparison, Entry, Run, compare
@@ -32,6 +31,7 @@ from nhpocp.solution import Solution, Verdict
 from nhpocp.solution_folder import folder_name, save_solution
 from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.views.report import write_report
+from tests.conftest import Integrators, paper_problem
 
 PROBLEMS = Path(__file__).parents[1] / "problems"
 # the contract's keys, in its order

@@ -37,11 +37,10 @@ def test_a_pickled_one_comes_back_as_a_dict():
 
 
 def test_a_solve_integrates_its_motion_only_for_those_who_look(monkeypatch):
-    from conftest import paper_problem
-
     from nhpocp.flow import simulation
     from nhpocp.solvers.continuation.continuation import Continuation
     from nhpocp.solvers.continuation.step_rules import Adaptive
+    from tests.conftest import paper_problem
 
     called, own = [], simulation._path
     monkeypatch.setattr(simulation, "_path", lambda *given: called.append(1) or own(*given))

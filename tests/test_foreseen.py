@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from conftest import Integrators, paper_problem
 
 import nhpocp
 from nhpocp.constraints.bound import Bound
@@ -16,6 +15,7 @@ from nhpocp.problem_file.building import build_solver
 from nhpocp.solvers.nlp.guesses import Guess, ProblemGuess, make_guess
 from nhpocp.solvers.nlp.single_shooting import SingleShooting
 from nhpocp.solvers.nlp.staged_transcription import StagedTranscription
+from tests.conftest import Integrators, paper_problem
 
 NLP = build_solver("nlp", {"intervals": 6})
 SOLVERS = [NLP, build_solver("jacobian", {"step_rule": "auto"})]

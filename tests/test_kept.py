@@ -10,7 +10,6 @@ from weakref import ref
 import casadi as ca
 import numpy as np
 import pytest
-from conftest import Integrators, paper_problem
 
 import nhpocp
 from nhpocp.calls import accumulated, call, mapped, side_by_side
@@ -24,6 +23,7 @@ from nhpocp.problem_file.starters import starter
 from nhpocp.solvers.nlp import interval
 from nhpocp.solvers.nlp.ipopt import Ipopt
 from nhpocp.systems.numeric import numeric_system
+from tests.conftest import Integrators, paper_problem
 
 
 class Owner:
@@ -148,7 +148,7 @@ def test_a_system_takes_along_all_that_was_made_for_it(model):
 
 LOOP = """
 import nhpocp
-from conftest import paper_problem
+from tests.conftest import paper_problem
 from nhpocp.solvers.nlp.ipopt import Ipopt
 
 problem = paper_problem(samples=5)

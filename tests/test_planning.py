@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import paper_problem, yaw
 
 from nhpocp import planning, so3
 from nhpocp.constraints.bound import Bound
@@ -18,6 +17,7 @@ from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.step_rules import Euler
 from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting
 from nhpocp.systems.numeric import numeric_system
+from tests.conftest import paper_problem, yaw
 
 SOLVERS = [Continuation(step_rule=Euler(1.0)), MultipleShooting()]
 

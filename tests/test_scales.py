@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from conftest import paper_problem
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -15,6 +14,7 @@ from nhpocp.systems.rolling_sphere import RollingSphere
 from nhpocp.systems.system import System
 from nhpocp.systems.three_upu import ThreeUPU
 from nhpocp.systems.unicycle import Unicycle
+from tests.conftest import paper_problem
 
 FACTORS = st.floats(1e-9, 1e9)
 

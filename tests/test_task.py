@@ -5,7 +5,6 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 import pytest
-from conftest import paper_problem, yaw
 
 from nhpocp import planning, so3
 from nhpocp.constraints.bound import Bound
@@ -20,6 +19,7 @@ from nhpocp.solvers.nlp.guesses import StraightGuess
 from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting
 from nhpocp.task import Task
 from nhpocp.views.figures import relative_pose
+from tests.conftest import paper_problem, yaw
 
 RANDOM = np.random.default_rng(5)
 VALUES = {

@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import paper_problem, yaw
 
 from nhpocp.controls.fourier import Fourier
 from nhpocp.controls.piecewise_constant import PiecewiseConstant
@@ -34,6 +33,7 @@ from nhpocp.solvers.nlp.single_shooting import SingleShooting
 from nhpocp.solvers.nlp.task_rows import place, stage_times
 from nhpocp.systems.numeric import numeric_system
 from nhpocp.verification.replay import replay
+from tests.conftest import paper_problem, yaw
 
 MIDDLE = {"position": [0, 0, 30]}
 NEWTON = Continuation(step_rule=Adaptive())

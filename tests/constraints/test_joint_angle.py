@@ -1,0 +1,54 @@
+"""Bounds on the angles of the legs' joints, from the file to both methods."""
+
+import numpy as np
+import pytest
+
+import nhpocp
+from nhpocp.constraints.registry import bounds_of
+from nhpocp.errors import InvalidProblemError
+from nhpocp.problem_file import dump_problem, parse_problem, read_text
+from nhpocp.problem_file.building import build_solver
+from tests.conftest import paper_problem
+
+TEXT = dump_problem(paper_problem(pictures=False))
+METHODS = {
+    "jacobian": {"step_rule": "auto", "objective": "effort"},
+    "nlp": {"intervals": 20},
+}
+
+
+def test_a_file_bounds_an_angle_of_every_leg_and_is_written_again():
+    problem = parse_problem(
+        TEXT + "constraints: {joint_angle: {theta3: [-40 deg, 40 deg], theta1: [null, 1]}}\n"
+    )
+    third, first = problem.bounds
+    np.testing.assert_allclose(third.upper, [np.inf, np.inf, np.radians(40), np.inf])
+    assert (first.label, first.quantity) == ("joint_angle.theta1", "joint_angles")
+    again = parse_problem(dump_problem(problem.with_()))
+    for one, other in zip(problem.bounds, again.bounds, strict=True):
+        np.testing.assert_allclose([one.lower, one.upper], [other.lower, other.upper])
+
+
+def test_what_it_does_not_know_is_refused_at_its_place():
+    with pytest.raises(InvalidProblemError, match="unknown angle 'theta5'"):
+        read_text(TEXT + "constraints: {joint_angle: {theta5: [-1, 1]}}\n")
+    with pytest.raises(InvalidProblemError, match="unicycle has no joint angles"):
+        read_text(
+            "nhpocp: 1\nsystem: {model: unicycle}\nstart: {x: 0, y: 0, theta: 0}\ngoal: {x: 1, y: 1, theta: 0}\n"
+            "constraints: {joint_angle: {theta3: [-1, 1]}}\n"
+        )
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_both_methods_keep_it(method):
+    problem, solver = paper_problem(pictures=False), build_solver(method, METHODS[method])
+    free = nhpocp.solve(problem, solver)
+    ends = np.asarray(free.trajectory["joint_angles"])[[0, -1], :, 3].max()
+    most = np.asarray(free.trajectory["joint_angles"])[:, :, 3].max()
+    assert most > ends + 0.005  # the bound between them is active
+    limit = 0.5 * (most + ends)
+    bounds = bounds_of({"joint_angle": {"theta4": [None, limit]}}, problem.system)
+    bounded = nhpocp.solve(problem.with_(bounds=bounds), solver)
+    assert bounded.converged
+    assert np.asarray(bounded.trajectory["joint_angles"])[:, :, 3].max() <= limit + 1e-3
+    assert bounded.control.effort > free.control.effort
