@@ -101,7 +101,8 @@ def _drawn_starts(
         if signs.size and (signs != signs[:, :1]).any():
             yield draw, None
             continue
-        jacobian = EndPointError(problem, end).jacobian * columns
+        with np.errstate(over="ignore"):
+            jacobian = EndPointError(problem, end).jacobian * columns
         if not np.isfinite(jacobian).all():
             yield draw, None
             continue
