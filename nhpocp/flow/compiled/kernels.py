@@ -113,7 +113,7 @@ class CompiledWhenReady(Kernels):
 def _recipe(scheme: Scheme, start: Array, grid: Grid, coefficients: Array) -> Recipe[SweepKernel]:
     """Of the kernel of sweeps, tried on short ones, abreast and alone, under controls near the given one."""
 
-    def agrees(kernel: SweepKernel) -> bool:
+    def agrees(kernel: SweepKernel) -> bool | None:
         trial = Bundle.trial(start, grid.first(TRIED_STEPS), coefficients, LANES + 1)
         nearby = trial._replace(start=nudged(trial.start), coefficients=nudged(trial.coefficients))
         return agree(kernel.bundled(trial), scheme.bundled(trial), scheme.bundled(nearby))
