@@ -15,15 +15,15 @@ from typing import Any
 import numpy as np
 
 from nhpocp import planning
+from nhpocp.constructed import Constructed
 from nhpocp.csv_writer import write_table
-from nhpocp.errors import InvalidProblemError, NhpocpError
+from nhpocp.errors import NhpocpError, expect
 from nhpocp.interruption import STOPPED, Interruption
 from nhpocp.objectives.registry import OBJECTIVES, costs_of_motion, exact_costs
 from nhpocp.outcome import Outcome
 from nhpocp.problem import PlanningProblem
 from nhpocp.provenance import machine, peak_memory, reset_peak_memory
 from nhpocp.solution import Progress, Solution, Solver, telling
-from nhpocp.solvers.registry import SOLVERS
 from nhpocp.solvers.unsolved import unsolved
 
 SCHEMA_VERSION = 1
@@ -33,12 +33,17 @@ FAILURES = (NhpocpError, RuntimeError, ArithmeticError, np.linalg.LinAlgError, M
 
 
 @dataclass(frozen=True)
-class Run:
+class Run(Constructed):
     """A solve to be done; ``variant`` is how the pair is called, `nlp:control=basis` say."""
 
     problem: PlanningProblem
     solver: Solver
     variant: str
+
+    def __post_init__(self) -> None:
+        expect(self.problem, PlanningProblem, "a PlanningProblem", "Run.problem")
+        expect(self.variant, str, "a text", "Run.variant")
+        planning.chosen_solver(self.problem, self.solver)
 
 
 @dataclass(frozen=True)
@@ -184,7 +189,11 @@ def compare(
     runs = [
         run
         for item in problems
-        for run in ([item] if isinstance(item, Run) else [_own(item, name) for name in variants])
+        for run in (
+            [item]
+            if isinstance(item, Run)
+            else [Run(item, planning.own_solver(item, name), name) for name in variants]
+        )
     ]
     entries: list[Entry] = []
     notes: list[str] = []
@@ -205,16 +214,8 @@ def compare(
     return Comparison(entries, notes)
 
 
-def _own(problem: PlanningProblem, name: str) -> Run:
-    """A problem with its own solver of that name, or the method's defaults."""
-    if name in problem.solvers:
-        return Run(problem, problem.solvers[name], name)
-    if name not in SOLVERS:
-        known = " or ".join(SOLVERS)
-        raise InvalidProblemError(
-            f"unknown variant {name!r}; expected {known}, or a `Run` with a solver of its own"
-        )
-    return Run(problem, SOLVERS[name]().solver(None, {}), name)
+def _by_variant(problem: PlanningProblem, variants: Sequence[str]) -> list[Run]:
+    return [Run(problem, planning.own_solver(problem, name), name) for name in variants]
 
 
 def _solved(run: Run, progress: Progress | None) -> Solution:

@@ -12,7 +12,7 @@ from nhpocp import so3
 from nhpocp.arrays import Array
 from nhpocp.constraints.bound import BoundReport
 from nhpocp.controls.control import Control
-from nhpocp.deferred import extended
+from nhpocp.deferred import Deferred, Named, extended
 from nhpocp.outcome import Outcome
 from nhpocp.problem import PlanningProblem
 from nhpocp.systems.margins import det, margin
@@ -120,6 +120,12 @@ class Solution:
     # what only one solver has to say, plain JSON data
     details: Mapping[str, Any] = field(default_factory=dict)
     verdict: Verdict | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("trajectory", "costs"):
+            entries = getattr(self, name)
+            if not isinstance(entries, Deferred | Named):
+                object.__setattr__(self, name, Named(entries))
 
     @property
     def converged(self) -> bool:

@@ -9,21 +9,24 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import product
-from math import prod
-from typing import Any, ClassVar, Literal
+from math import pi, prod
+from typing import Any, ClassVar, Literal, get_args
 
 from nhpocp import so3
 from nhpocp.arrays import Array, namespace, norm
-from nhpocp.errors import InvalidProblemError, describe
+from nhpocp.constructed import Constructed
+from nhpocp.declared import degrees_hint, whole_number
+from nhpocp.errors import InvalidProblemError, describe, expect
 from nhpocp.frozen import Frozen
 
 Kind = Literal["vector", "scalar", "rotation", "direction", "matrix"]
 Unit = Literal["length", "angle", ""]
+deg = pi / 180  # in radians, the unit of every angle in Python: `30 * deg` is a file's `30 deg`
 UNIT_WORDS = {"length": "[length]", "angle": "[rad]", "": ""}
 
 
 @dataclass(frozen=True)
-class Block:
+class Block(Constructed):
     """One named quantity: a part of a state or of an input, or an output, and all that is known of it.
 
     A direction, a unit vector, and a matrix are outputs only. symbol: how formulas call it, LaTeX without $; none:
@@ -40,6 +43,19 @@ class Block:
     wraps: bool = False
     of_pose: bool = False
     rate: bool = False
+
+    def __post_init__(self) -> None:
+        path = f"block {self.name!r}"
+        expect(self.name, str, "a name", "block")
+        if self.kind not in get_args(Kind):
+            raise InvalidProblemError(
+                f"kind {self.kind!r}; expected one of {', '.join(get_args(Kind))}", path=path
+            )
+        if self.unit not in UNIT_WORDS:
+            words = f"unit {self.unit!r}; expected 'length', 'angle', or '' for none"
+            raise InvalidProblemError(words, path=path)
+        whole_number(self.components, path)
+        whole_number(self.rows, path)
 
     @property
     def size(self) -> int:
@@ -73,9 +89,12 @@ class Block:
         if self.kind == "rotation" and isinstance(value, Mapping):
             return so3.from_mapping(value)
         try:
+            if np.asarray(value).dtype.kind in "bUS":  # NumPy would read texts and truth values as numbers
+                raise ValueError
             numbers = np.array(value, dtype=float)
         except (TypeError, ValueError):
-            raise InvalidProblemError(f"expected {self.written}, got {describe(value)}") from None
+            words = f"expected {self.written}, got {describe(value)}{degrees_hint(value)}"
+            raise InvalidProblemError(words) from None
         if numbers.shape != self.shape:
             if len(self.shape) == 1 == numbers.ndim:
                 raise InvalidProblemError(f"{len(numbers)} numbers; expected {self.shape[0]}")
@@ -151,6 +170,8 @@ class StateSpace(Frozen):
     noun: ClassVar[str] = "space"
 
     def __init__(self, blocks: Sequence[Block]) -> None:
+        for block in blocks if isinstance(blocks, list | tuple) else [blocks]:
+            expect(block, Block, "a list of blocks such as [vector('position', 3, 'length')]", "StateSpace")
         self.blocks = tuple(blocks)
         self.names = tuple(block.name for block in blocks)
         self.size = sum(block.size for block in blocks)

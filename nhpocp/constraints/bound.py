@@ -14,15 +14,16 @@ from typing import Any
 import numpy as np
 
 from nhpocp.arrays import Array, namespace
-from nhpocp.frozen import Frozen
+from nhpocp.errors import describe
+from nhpocp.frozen import ByValue, Frozen
 from nhpocp.objectives.quantity import quantity
 from nhpocp.scales import side_size
 from nhpocp.systems.margins import Margin, margin
 from nhpocp.systems.system import System
 
 
-@dataclass(frozen=True)
-class Bound(Frozen):
+@dataclass(frozen=True, eq=False)
+class Bound(ByValue, Frozen):
     """lower ≤ quantity ≤ upper at every time, componentwise; bounds broadcast over the quantity's components."""
 
     # as the problem file calls it: leg_length, leg_speed, control, clearance.sigma_s, state.position
@@ -41,7 +42,12 @@ class Bound(Frozen):
 
     def misfit(self, shape: tuple[int, ...]) -> str:
         """Why this cannot be a bound on a quantity of a shape, in words; empty where it can."""
-        sides = [np.asarray(side, dtype=float) for side in (self.lower, self.upper)]
+        try:
+            sides = [np.asarray(side, dtype=float) for side in (self.lower, self.upper)]
+        except (TypeError, ValueError):
+            return (
+                f"expected numbers as lower and upper, got {describe(self.lower)} and {describe(self.upper)}"
+            )
         for side in sides:
             if not shape and side.size > 1:
                 return "lists of bounds; expected [lo, hi], for this is one number"

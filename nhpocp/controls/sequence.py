@@ -14,6 +14,7 @@ from nhpocp.controls.basis import ControlBasis, Side
 from nhpocp.controls.control import Control
 from nhpocp.controls.registry import BASES
 from nhpocp.controls.table import Gram, Table
+from nhpocp.errors import InvalidProblemError
 
 
 @dataclass(frozen=True)
@@ -23,6 +24,11 @@ class SequenceBasis(ControlBasis):
     bases: tuple[ControlBasis, ...]
     shares: tuple[float, ...]  # of the horizon, adding up to 1
     kind: ClassVar[str] = "sequence"
+
+    def __post_init__(self) -> None:
+        if not self.bases or len(self.bases) != len(self.shares):
+            words = f"{len(self.bases)} bases and {len(self.shares)} shares; expected as many, at least one"
+            raise InvalidProblemError(words, path="SequenceBasis")
 
     @property
     def size(self) -> int:

@@ -16,8 +16,10 @@ import numpy as np
 
 from nhpocp.arrays import Array
 from nhpocp.calls import call, mapped
+from nhpocp.constructed import Constructed
 from nhpocp.controls.basis import ControlBasis
 from nhpocp.controls.samples import Samples
+from nhpocp.declared import check, count
 from nhpocp.errors import InvalidProblemError
 from nhpocp.flow.compiled.kernels import CompiledWhenReady, Kernels
 from nhpocp.flow.dynamics import Dynamics
@@ -50,11 +52,14 @@ class Flow(ABC):
         """Where many controls (k, m, size) lead from one start, with dy(T)/dλ if wanted."""
 
 
-class Integrator(ABC):
+class Integrator(Constructed):
     """A way to integrate. Hashable: flows are kept by it."""
 
     kind: ClassVar[str]
     steps: int
+
+    def __post_init__(self) -> None:
+        check(self)
 
     def grid(self, basis: ControlBasis, horizon: float) -> Array:
         """Times at which this integrator's own steps end (the basis's breakpoints among them)."""
@@ -97,7 +102,7 @@ class RungeKutta4(Integrator):
     is summed against φ at the end. ``kernels``: whether a compiled kernel does that.
     """
 
-    steps: int = 100
+    steps: int = count(100, "over the horizon")
     kernels: Kernels = field(default_factory=CompiledWhenReady)
     tableau: Tableau = CLASSICAL
     kind: ClassVar[str] = "rk4"
@@ -182,7 +187,7 @@ class CasadiIntegrator(Integrator):
     """
 
     plugin: str
-    steps: int = 100
+    steps: int = count(100, "over the horizon")
     options: tuple[tuple[str, Any], ...] = ()
 
     def _flow(self, dynamics: Dynamics, basis: ControlBasis, horizon: float, times: Array) -> CasadiFlow:

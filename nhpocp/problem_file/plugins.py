@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from nhpocp.errors import InvalidProblemError
+from nhpocp.errors import InvalidProblemError, one_line
 from nhpocp.state_space import StateSpace
 from nhpocp.systems.system import System
 
@@ -42,7 +42,7 @@ def load(points: list[EntryPoint]) -> type[System]:
     try:
         cls = point.load()
     except Exception as error:
-        raise _broken(f"{origin(point)} cannot be loaded: {words(error)}") from error
+        raise _broken(f"{origin(point)} cannot be loaded: {one_line(error)}") from error
     if not (isinstance(cls, type) and System in cls.__mro__):
         raise _broken(f"{origin(point)} is no subclass of nhpocp.System")
     model = getattr(cls, "model", None)
@@ -61,7 +61,7 @@ def made(cls: type[System], origin: str, **parameters: Any) -> System:
     except InvalidProblemError:
         raise
     except Exception as error:
-        raise _broken(f"{origin} fails: {words(error)}") from error
+        raise _broken(f"{origin} fails: {one_line(error)}") from error
     if not all(isinstance(space, StateSpace) for space in spaces):
         raise _broken(f"{origin} has no state_space or no input_space; expected a nhpocp.StateSpace each")
     return system
@@ -71,12 +71,6 @@ def origin(point: EntryPoint) -> str:
     """Where a system comes from."""
     package = f" of {point.dist.name} {point.dist.version}" if point.dist else ""
     return f"the plugin {point.value}{package}"
-
-
-def words(error: Exception) -> str:
-    """An exception of foreign code in one line."""
-    lines = str(error).strip().splitlines()
-    return f"{type(error).__name__}: {lines[0]}" if lines else type(error).__name__
 
 
 def _broken(message: str) -> InvalidProblemError:

@@ -10,10 +10,12 @@ from typing import Any, ClassVar
 import numpy as np
 
 from nhpocp.arrays import Array
+from nhpocp.constructed import Constructed
 from nhpocp.controls.control import Control
 from nhpocp.controls.sequence import join, retimed
+from nhpocp.declared import whole_number
 from nhpocp.deferred import Deferred
-from nhpocp.errors import OrientationAtPiError
+from nhpocp.errors import OrientationAtPiError, expect
 from nhpocp.flow.integrators import RungeKutta4
 from nhpocp.interruption import STOPPED, Interruption
 from nhpocp.objectives.registry import OBJECTIVES
@@ -36,7 +38,7 @@ BUDGET = 3000  # evaluations, after which no new try begins
 
 
 @dataclass(frozen=True)
-class Auto:
+class Auto(Constructed):
     """Solver: the adaptive continuation, and what else may reach the goal, in this order.
 
     1. From the problem's own start (a seeded one if that has no full rank). 2. From ``restarts`` seeded starts.
@@ -50,6 +52,10 @@ class Auto:
     continuation: Continuation = field(default_factory=lambda: Continuation(step_rule=Adaptive()))
     restarts: int = 4
     name: ClassVar[str] = "jacobian"
+
+    def __post_init__(self) -> None:
+        expect(self.continuation, Continuation, "a Continuation", "Auto.continuation")
+        whole_number(self.restarts, "Auto.restarts")
 
     @property
     def tolerance(self) -> float:

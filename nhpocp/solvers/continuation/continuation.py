@@ -13,11 +13,16 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from nhpocp import declared
 from nhpocp.arrays import Array
+from nhpocp.constructed import Constructed
+from nhpocp.declared import check
+from nhpocp.errors import expect
 from nhpocp.flow.end_point_map import DifferentiatedEndPointMap, EndPointMapFactory
 from nhpocp.flow.integrators import Integrator, RungeKutta4
 from nhpocp.flow.step_error import StepError, resolving
 from nhpocp.interruption import STOPPED
+from nhpocp.objectives.registry import costs_of_motion
 from nhpocp.outcome import Outcome
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Progress, Solution
@@ -36,7 +41,7 @@ from nhpocp.solvers.metrics import CoefficientMetric, Coordinates, Metric
 
 
 @dataclass(frozen=True)
-class Continuation:
+class Continuation(Constructed):
     """Solver: drives the end-point error E to zero along (16), one step rule at a time.
 
     ``sensitivity`` makes the end-point map; the default differentiates the integrator, `VariationalEndPointMap`
@@ -49,11 +54,18 @@ class Continuation:
     metric: Metric = field(default_factory=CoefficientMetric)
     integrator: Integrator = field(default_factory=RungeKutta4)
     sensitivity: EndPointMapFactory = DifferentiatedEndPointMap
-    tolerance: float = 1e-3
-    max_iterations: int = 500
-    objective: str = "none"
-    seed: int = 0
+    tolerance: float = declared.positive(1e-3, "on E")
+    max_iterations: int = declared.whole(500, "updates")
+    objective: str = declared.choice("none", ["none", *costs_of_motion()], "of the null-space phase")
+    seed: int = declared.whole(0, "of everything random")
     name: ClassVar[str] = "jacobian"
+
+    def __post_init__(self) -> None:
+        check(self)
+        expect(self.step_rule, StepRule, "a step rule such as Adaptive()", "Continuation.step_rule")
+        expect(self.inverse, GeneralizedInverse, "an inverse such as MoorePenrose()", "Continuation.inverse")
+        expect(self.metric, Metric, "a metric such as L2Metric()", "Continuation.metric")
+        expect(self.integrator, Integrator, "an integrator such as RungeKutta4()", "Continuation.integrator")
 
     def settings(self) -> dict[str, Any]:
         return {

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -11,6 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from nhpocp.arrays import Array
+from nhpocp.constructed import Constructed
 from nhpocp.controls.basis import ControlBasis
 from nhpocp.singular_values import svd
 from nhpocp.solvers.continuation.trust_region import Number, lengths, within_radius
@@ -89,7 +90,7 @@ class Direction:
         return fraction * self.step, fraction * self.image
 
 
-class GeneralizedInverse(ABC):
+class GeneralizedInverse(Constructed):
     """J, e ↦ δλ with J δλ ≈ -e; most inverses take the metric that is given."""
 
     kind: ClassVar[str]

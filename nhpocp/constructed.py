@@ -1,0 +1,61 @@
+"""Constructors that answer a wrong call in this package's own words: what came, what was expected, what to write."""
+
+from __future__ import annotations
+
+from abc import ABCMeta
+from collections.abc import Mapping, Sequence
+from inspect import Parameter, Signature, signature
+from typing import Any
+
+from nhpocp.errors import CallError, suggestion
+
+
+class Constructing(ABCMeta):
+    """The metaclass of `Constructed`."""
+
+    def __call__(cls, *args: Any, **kwargs: Any) -> Any:
+        try:
+            return super().__call__(*args, **kwargs)
+        except TypeError as error:
+            if words := _misfit(cls, args, kwargs):
+                raise CallError(words) from error
+            raise
+
+    @property
+    def __signature__(cls) -> Signature:
+        """That of ``__init__``, for `help`; else `inspect` shows that of this class's ``__call__``."""
+        own = signature(cls.__init__)  # type: ignore[misc]
+        return own.replace(parameters=list(own.parameters.values())[1:])
+
+
+class Constructed(metaclass=Constructing):
+    """A class whose constructor says which arguments it takes, as `CallError`, where it is given others."""
+
+
+def _misfit(cls: Any, args: Sequence[Any], kwargs: Mapping[str, Any]) -> str:
+    """Why a class cannot be called so, in words; empty where it can."""
+    if left := sorted(getattr(cls, "__abstractmethods__", ())):
+        return f"{cls.__name__} is a contract; derive a class from it that has {', '.join(left)}, or use one that has"
+    parameters = cls.__signature__.parameters
+    try:
+        cls.__signature__.bind(*args, **kwargs)
+    except TypeError as error:
+        fault = str(error)
+    else:
+        return ""
+    known = [name for name, p in parameters.items() if p.kind not in (p.VAR_KEYWORD, p.VAR_POSITIONAL)]
+    shown = ", ".join(known) or "none"
+    for name in kwargs:
+        if name not in known:
+            return f"{cls.__name__} has no argument {name!r}; {suggestion(name, known)}"
+    placed = [
+        p
+        for p in parameters.values()
+        if p.kind in (Parameter.POSITIONAL_ONLY, Parameter.POSITIONAL_OR_KEYWORD)
+    ]
+    if len(args) > len(placed):
+        by_name = " by name: " if len(placed) < len(known) else ": "
+        return (
+            f"{cls.__name__} was given {len(args)} arguments without names; its arguments are{by_name}{shown}"
+        )
+    return f"{cls.__name__}: {fault}; its arguments are {shown}"
