@@ -34,7 +34,11 @@ FAILURES = (NhpocpError, RuntimeError, ArithmeticError, np.linalg.LinAlgError, M
 
 @dataclass(frozen=True)
 class Run(Constructed):
-    """A solve to be done; ``variant`` is how the pair is called, `nlp:control=basis` say."""
+    """A solve to be done, as `compare` takes it.
+
+    problem: a `PlanningProblem`. solver: such as `Auto()`. variant: how the pair is called, "nlp:control=basis" say.
+    Errors: `CallError` for what is none of these.
+    """
 
     problem: PlanningProblem
     solver: Solver
@@ -48,7 +52,10 @@ class Run(Constructed):
 
 @dataclass(frozen=True)
 class Entry:
-    """A run that is done, and where its solution is stored."""
+    """A run that is done, and where its solution is stored.
+
+    solution: the verified `Solution`. variant: how the run is called. folder: its name, None where it is not stored.
+    """
 
     solution: Solution
     variant: str
@@ -123,7 +130,10 @@ class Group:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Runs that are done; ``notes``: what a reader has to know of the whole, such as runs that never began."""
+    """Runs that are done, as `compare` returns them.
+
+    entries: a run each, in order. notes: what a reader has to know of the whole, such as runs that never began.
+    """
 
     entries: Sequence[Entry]
     notes: Sequence[str] = ()

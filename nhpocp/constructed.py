@@ -4,14 +4,26 @@ from __future__ import annotations
 
 from abc import ABCMeta
 from collections.abc import Mapping, Sequence
-from inspect import Parameter, Signature, signature
+from dataclasses import Field
+from inspect import Parameter, Signature, cleandoc, signature
 from typing import Any
 
 from nhpocp.errors import CallError, suggestion
 
 
 class Constructing(ABCMeta):
-    """The metaclass of `Constructed`."""
+    """The metaclass of `Constructed`; what is declared of fields, as by `nhpocp.declared`, goes into the manual."""
+
+    def __init__(cls, name: str, bases: tuple[type, ...], members: dict[str, Any], **more: Any) -> None:
+        super().__init__(name, bases, members, **more)
+        declared = {
+            field: value.metadata["declared"].meaning
+            for field, value in members.items()
+            if isinstance(value, Field) and "declared" in value.metadata
+        }
+        if declared and cls.__doc__:
+            lines = [f"{field}: {meaning}" for field, meaning in declared.items()]
+            add_to_manual(cls, lines, "a value that is none of these")
 
     def __call__(cls, *args: Any, **kwargs: Any) -> Any:
         try:
@@ -30,6 +42,13 @@ class Constructing(ABCMeta):
 
 class Constructed(metaclass=Constructing):
     """A class whose constructor says which arguments it takes, as `CallError`, where it is given others."""
+
+
+def add_to_manual(cls: type, parameters: Sequence[str], wrong: str) -> None:
+    """Adds lines on parameters to a class's docstring, and for what it raises an error."""
+    text = cleandoc(cls.__doc__ or "")
+    errors = "" if "Errors:" in text else f"\nErrors: `InvalidProblemError` for {wrong}."
+    cls.__doc__ = "\n".join([text, "", *parameters]) + errors
 
 
 def _misfit(cls: Any, args: Sequence[Any], kwargs: Mapping[str, Any]) -> str:

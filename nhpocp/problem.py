@@ -120,7 +120,8 @@ class Horizon(Constructed):
 class Via(ByValue, Constructed):
     """A pose to pass on the way.
 
-    share: when, as a fraction of the horizon between 0 and 1. goal: what to meet then, written like a problem's goal.
+    share: when, as a fraction of the horizon between 0 and 1. goal: what to meet then, written like a problem's goal,
+    "position" (3,) [length] say.
     A problem takes a file's {"at": 0.5, "position": [0, 0, 30]} too.
     Errors: `InvalidProblemError`, by the problem, for a share or a pose that is none.
     """
@@ -139,15 +140,20 @@ class Via(ByValue, Constructed):
 
 @dataclass(kw_only=True, eq=False)
 class PlanningProblem(ByValue, Frozen):
-    """Steer ``system`` from ``start`` to ``goal``.
+    """A task: steer a system from a start to a goal. Frozen; equal to its copies; `replace(problem, …)` makes another.
 
-    start: a value for every block of the state; goal: a value for every block that matters (the others are free), or
-    for outputs of the pose. via: what to meet on the way, written like the goal.
-    initial: coefficients Λ₀ (inputs × basis functions), or None to let the solver draw a seeded start.
-    error_length: the length that counts as much as one radian in E; length_scale divides the rotation columns of the
-    regularity matrices (None: the system's own length, else error_length). solvers: solver objects by name, used by
-    `nhpocp.solve`.
-    Errors: `InvalidProblemError` where the parts do not fit together.
+    system: such as `ThreeUPU()`. start: a value for every block of the state, as {"position": [0, 0, 25],
+    "orientation": {"rpy": [0, 0, -30 * deg]}}: vectors (n,) in their unit ([length], [rad]), rotations as rpy,
+    quaternion, rotvec, matrix or an array (3, 3). goal: the same for every block that matters (the others are free), or
+    for outputs of the pose, such as leg_lengths. via: `Via(0.5, pose)`, or {"at": 0.5, "position": …}: what to meet on
+    the way. name: in folders and reports. horizon: the duration T [time]: a number, a `Horizon`, or {"min": …, "max":
+    …}. basis: of the control, such as `Fourier(2)`. initial: coefficients Λ₀, inputs × basis functions, or None to let
+    the solver draw a seeded start. objective: the name of a cost, "effort" say. bounds: as in a file, {"leg_length":
+    [20, 60], "joint_angle": {"theta4": {"max": 20 * deg}}}, or a list of `Bound`s. error_length: the length [length]
+    that counts as much as one radian in E. length_scale: divides the rotation columns of the regularity matrices (None:
+    the system's own length, else error_length). solvers: solver objects by name, used by `nhpocp.solve`. samples: of
+    trajectories. pictures: whether folders have any. reference: known results, for tests.
+    Errors: `InvalidProblemError` where the parts do not fit together; the first, and all `others`.
     """
 
     noun: ClassVar[str] = "problem"

@@ -29,9 +29,12 @@ UNIT_WORDS = {"length": "[length]", "angle": "[rad]", "": ""}
 class Block(Constructed):
     """One named quantity: a part of a state or of an input, or an output, and all that is known of it.
 
-    A direction, a unit vector, and a matrix are outputs only. symbol: how formulas call it, LaTeX without $; none:
-    by its name. wraps: angles that jump by 2π where they are cut. of_pose: an output that depends on the state alone,
+    `vector`, `scalar`, `rotation`, `direction` and `matrix` make them; a direction, a unit vector, and a matrix are
+    outputs only. name: printable. kind: one of these five. components: numbers of a vector, or in each row of a matrix;
+    rows: of a matrix. unit: "length", "angle" [rad], or "". symbol: how formulas call it, LaTeX without $; none: by its
+    name. wraps: angles that jump by 2π where they are cut. of_pose: an output that depends on the state alone,
     so that it may be a goal. rate: per unit of time; inputs are so by themselves.
+    Errors: `InvalidProblemError` for an unknown kind or unit, or numbers of components that are none.
     """
 
     name: str
@@ -119,22 +122,50 @@ class Block(Constructed):
 
 
 def vector(name: str, components: int, unit: Unit = "", **known: Any) -> Block:
+    """A vector (components,) of a state, an input or an output.
+
+    name: of the trajectory's entry. components: how many numbers. unit: "length", "angle" [rad], or "" for none. known:
+    more of a `Block`, such as symbol, wraps, of_pose.
+    Errors: `InvalidProblemError` for another unit, or components that are no whole number.
+    """
     return Block(name, "vector", components, unit, **known)
 
 
 def scalar(name: str, unit: Unit = "", **known: Any) -> Block:
+    """A number of a state, an input or an output.
+
+    name: of the trajectory's entry. unit: "length", "angle" [rad], or "" for none. known: more of a `Block`, such as
+    symbol, wraps, of_pose.
+    Errors: `InvalidProblemError` for another unit.
+    """
     return Block(name, "scalar", 1, unit, **known)
 
 
 def rotation(name: str, symbol: str = "R") -> Block:
+    """A rotation (3, 3) of a state, platform to base: Ṙ = [ω] R with ω in base coordinates [rad per time].
+
+    name: of the trajectory's entry. symbol: how formulas call it.
+    Errors: `InvalidProblemError` for a name that is no text.
+    """
     return Block(name, "rotation", 3, "angle", symbol)
 
 
 def direction(name: str, **known: Any) -> Block:
+    """A unit vector (3,) among the outputs.
+
+    name: of the trajectory's entry. known: more of a `Block`, such as symbol, and of_pose where it may be a goal.
+    Errors: `InvalidProblemError` for a name that is no text.
+    """
     return Block(name, "direction", 3, "angle", **known)
 
 
 def matrix(name: str, rows: int, columns: int, unit: Unit = "", **known: Any) -> Block:
+    """A matrix (rows, columns) among the outputs.
+
+    name: of the trajectory's entry. rows, columns: how many. unit: "length", "angle" [rad], or "" for none. known: more
+    of a `Block`, such as symbol, wraps.
+    Errors: `InvalidProblemError` for another unit, or sizes that are no whole numbers.
+    """
     return Block(name, "matrix", columns, unit, rows=rows, **known)
 
 
@@ -165,7 +196,12 @@ def check_distinct(parts: Iterable[tuple[str, Block]]) -> None:
 
 
 class StateSpace(Frozen):
-    """A product of blocks, in order. Points may be numbers or CasADi symbols."""
+    """A product of blocks, in order. Points may be numbers or CasADi symbols.
+
+    blocks: made by `vector`, `scalar` and `rotation`. A point is packed (size,), a rotation as nine numbers row by row;
+    a tangent vector has (dimension,) numbers, three for a rotation.
+    Errors: `InvalidProblemError` for two of one name, or a block that is an output only.
+    """
 
     noun: ClassVar[str] = "space"
 

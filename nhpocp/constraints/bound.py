@@ -24,7 +24,13 @@ from nhpocp.systems.system import System
 
 @dataclass(frozen=True, eq=False)
 class Bound(ByValue, Frozen):
-    """lower ≤ quantity ≤ upper at every time, componentwise; bounds broadcast over the quantity's components."""
+    """A bound lower ≤ quantity ≤ upper at every time, componentwise.
+
+    label: as a problem file calls it, such as "leg_length" or "state.position"; reports show it. quantity: a name of
+    the trajectory, such as "leg_lengths" or "u". lower, upper: numbers in the quantity's unit ([length], [rad], a rate
+    per [time]), or arrays (components,); infinite where a side is open. scale, coordinate: filled in by a problem.
+    Errors: `InvalidProblemError`, by the problem, for a quantity that it does not have, or limits of another shape.
+    """
 
     # as the problem file calls it: leg_length, leg_speed, control, clearance.sigma_s, state.position
     label: str

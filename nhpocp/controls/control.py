@@ -19,7 +19,12 @@ from nhpocp.frozen import ByValue
 
 @dataclass(frozen=True, eq=False)
 class Control(ByValue, Constructed):
-    """u(t) = Λ φ(t) on [0, horizon]; coefficients Λ: inputs × basis functions."""
+    """u(t) = Λ φ(t) on [0, horizon], as a function: `control(times)` is (samples, inputs) for times (samples,).
+
+    basis: the functions φ, such as `Fourier(2)`. coefficients: Λ, inputs × basis functions, each row of an input in its
+    unit. horizon: the duration T [time].
+    Errors: `InvalidProblemError` for coefficients of another shape, or a duration that is none.
+    """
 
     basis: ControlBasis
     coefficients: Array

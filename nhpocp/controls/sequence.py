@@ -19,7 +19,11 @@ from nhpocp.errors import InvalidProblemError
 
 @dataclass(frozen=True)
 class SequenceBasis(ControlBasis):
-    """The functions of ``bases`` one after another, those of piece i being zero outside its fraction of [0, T]."""
+    """The functions of ``bases`` one after another, those of piece i being zero outside its fraction of [0, T].
+
+    bases: one a piece. shares: of the horizon, as many, adding up to 1.
+    Errors: `InvalidProblemError` where these are not as many.
+    """
 
     bases: tuple[ControlBasis, ...]
     shares: tuple[float, ...]  # of the horizon, adding up to 1

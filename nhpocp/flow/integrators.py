@@ -102,7 +102,7 @@ class RungeKutta4(Integrator):
     is summed against φ at the end. ``kernels``: whether a compiled kernel does that.
     """
 
-    steps: int = count(100, "over the horizon")
+    steps: int = count(100, "integration steps over the horizon")
     kernels: Kernels = field(default_factory=CompiledWhenReady)
     tableau: Tableau = CLASSICAL
     kind: ClassVar[str] = "rk4"
@@ -187,7 +187,7 @@ class CasadiIntegrator(Integrator):
     """
 
     plugin: str
-    steps: int = count(100, "over the horizon")
+    steps: int = count(100, "integration steps over the horizon")
     options: tuple[tuple[str, Any], ...] = ()
 
     def _flow(self, dynamics: Dynamics, basis: ControlBasis, horizon: float, times: Array) -> CasadiFlow:
@@ -196,7 +196,11 @@ class CasadiIntegrator(Integrator):
 
 @dataclass(frozen=True)
 class CasadiRungeKutta(CasadiIntegrator):
-    """CasADi's ``rk``: the same scheme as `RungeKutta4`, differentiated as a whole."""
+    """CasADi's ``rk``: the same scheme as `RungeKutta4`, differentiated as a whole.
+
+    steps: integration steps over the horizon. plugin, options: of ``ca.integrator``, options as pairs (name, value).
+    Errors: `InvalidProblemError` for steps that are no whole number from 1 to 100000.
+    """
 
     plugin: str = "rk"
     kind: ClassVar[str] = "rk"
@@ -204,7 +208,11 @@ class CasadiRungeKutta(CasadiIntegrator):
 
 @dataclass(frozen=True)
 class Cvodes(CasadiIntegrator):
-    """SUNDIALS' variable-order, variable-step integrator; ``steps`` only sets where the path is recorded."""
+    """SUNDIALS' variable-order, variable-step integrator, at a relative and absolute tolerance of 1e-10.
+
+    steps: where the path is recorded, no more. plugin, options: of ``ca.integrator``, options as pairs (name, value).
+    Errors: `InvalidProblemError` for steps that are no whole number from 1 to 100000.
+    """
 
     plugin: str = "cvodes"
     kind: ClassVar[str] = "cvodes"

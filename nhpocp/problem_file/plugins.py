@@ -9,8 +9,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from nhpocp.errors import InvalidProblemError, one_line
-from nhpocp.state_space import StateSpace
+from nhpocp.errors import CallError, InvalidProblemError, one_line
 from nhpocp.systems.system import System
 
 if TYPE_CHECKING:
@@ -56,15 +55,13 @@ def load(points: list[EntryPoint]) -> type[System]:
 def made(cls: type[System], origin: str, **parameters: Any) -> System:
     """An instance of a class from elsewhere. Errors: `InvalidProblemError`, whatever its code raises."""
     try:
-        system = cls(**parameters)
-        spaces = [getattr(system, name, None) for name in ("state_space", "input_space")]
+        return cls(**parameters)
+    except CallError as error:
+        raise _broken(f"{origin} fails: {error.message}") from error
     except InvalidProblemError:
         raise
     except Exception as error:
         raise _broken(f"{origin} fails: {one_line(error)}") from error
-    if not all(isinstance(space, StateSpace) for space in spaces):
-        raise _broken(f"{origin} has no state_space or no input_space; expected a nhpocp.StateSpace each")
-    return system
 
 
 def origin(point: EntryPoint) -> str:

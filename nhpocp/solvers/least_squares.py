@@ -35,7 +35,11 @@ class LeastSquaresSettings(SolverSettings):
 
 @dataclass(frozen=True)
 class LeastSquares(Constructed):
-    """Solver: min |e(Λ)|² by a trust region, e as in [Paper] eq. (8); it knows of no bounds and lowers no cost."""
+    """Solver: min |e(Λ)|² by a trust region, e as in [Paper] eq. (8); it knows of no bounds and lowers no cost.
+
+    given: a `LeastSquaresSettings`. kernels: `Interpreted()`, `Compiled()` or `CompiledWhenReady()`, the default.
+    Errors: `InvalidProblemError` for settings out of their limits.
+    """
 
     given: LeastSquaresSettings
     kernels: Kernels | None = None

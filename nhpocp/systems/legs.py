@@ -31,7 +31,10 @@ MIDDLE: Vector3 = (0.0, 1.0, 0.0)  # w2 = w3: the universal joints of an ordinar
 
 @dataclass(frozen=True)
 class Leg(Constructed):
-    """One leg as built: joint centres a (base) and b̂ (platform coordinates), and the directions of its joints.
+    """One leg as built: two joints, and what there is between them.
+
+    base, platform: the joints' centres a in base and b̂ in platform coordinates, (3,) [length]. joint: at the base,
+    veselova, suslov, universal or spherical.
 
     r: about which the base joint cannot turn; of the veselova joint in base coordinates, of the suslov joint along
     g, w3, g × w3. w1, w2: axes of an ordinary universal base joint, in base coordinates and along g, w3, g × w3 (if
@@ -39,6 +42,7 @@ class Leg(Constructed):
     spherical. Directions become unit vectors. length: None for a prismatic leg, "fixed" for a bar as long as at the
     start, a number for a bar of that length [length], 0 where the base joint holds the platform itself (suslov r and
     w2 then in platform coordinates). actuated: whether a motor drives the length; of a prismatic leg, unless said.
+    Errors: `InvalidProblemError` naming what does not go together.
     """
 
     base: Vector3

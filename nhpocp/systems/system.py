@@ -9,8 +9,9 @@ from inspect import signature
 from typing import Any, ClassVar, Literal, Self
 
 from nhpocp.arrays import Array, namespace, symbolic
+from nhpocp.constructed import add_to_manual
 from nhpocp.declared import real
-from nhpocp.errors import InvalidProblemError, describe, expect, suggestion
+from nhpocp.errors import CallError, InvalidProblemError, describe, expect, suggestion
 from nhpocp.frozen import Frozen, as_value
 from nhpocp.state_space import UNIT_WORDS, Block, StateSpace, Unit, check_distinct
 from nhpocp.systems.margins import margin
@@ -18,7 +19,14 @@ from nhpocp.systems.margins import margin
 
 @dataclass(frozen=True)
 class Parameter:
-    """A parameter as a user writes it: what kind of value, its default, what it means."""
+    """A parameter of a system as a user writes it: what kind of value, its default, what it means.
+
+    kind: "number", "positive", "integer", "numbers", "vector" (3,), "flag", "choice", … default: its value where none
+    is given; ... where one has to be. meaning: a few words, without the unit. choices: of a "choice". unit: "length",
+    "angle" [rad], or "" for none. replaces: names of parameters that it stands for. keys: the parameters of each of
+    several mappings, such as legs. Raises nothing; `checked(name, value)` raises `InvalidProblemError` for a value that
+    is none.
+    """
 
     kind: Literal[
         "number",
@@ -120,6 +128,16 @@ class System(Frozen):
     state_space: StateSpace
     input_space: StateSpace
 
+    def __init_subclass__(cls, **more: Any) -> None:
+        super().__init_subclass__(**more)
+        if "declared" in vars(cls) and cls.__doc__:
+            lines = [
+                f"{name}: {', '.join([parameter.described, *parameter.choices])}"
+                for name, parameter in cls.declared.items()
+            ]
+            lines += [f"Presets: {', '.join(cls.presets)}"] if cls.presets else []
+            add_to_manual(cls, lines, "a parameter that it does not have, or a value that is none")
+
     @classmethod
     def preset(cls, name: str, **parameters: Any) -> Self:
         """The system with a named set of parameters; further parameters override it."""
@@ -143,10 +161,11 @@ class System(Frozen):
             setattr(self, name, parameter.checked(name, parameters.get(name, parameter.default)))
 
     def _freeze(self) -> None:
-        name = type(self).__name__
+        name = f"{type(self).__module__}.{type(self).__qualname__}"
         for part in ("state_space", "input_space"):
-            words = f"a StateSpace such as StateSpace([vector('position', 3, 'length')]) as {part} of {name}"
-            expect(getattr(self, part, None), StateSpace, words)
+            if not isinstance(getattr(self, part, None), StateSpace):
+                example = "StateSpace([vector('position', 3, 'length')])"
+                raise CallError(f"{name} has no {part}; expected a StateSpace, such as {example}")
         expect(getattr(self, "model", None), str, f"a name as `model` of {name}")
         check_names(
             [

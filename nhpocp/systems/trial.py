@@ -73,5 +73,8 @@ def _expect_shape(system: System, name: str, came: tuple[int, ...], wanted: tupl
         meaning = (
             "one row per tangent number and one column per input" if len(wanted) == 2 else "tangent numbers"
         )
-        words = f"{name}(state) of {system.model} is of shape {came}; expected {wanted}, {meaning}"
+        words = (
+            f"the equations of {system.model} fail at the start: {name}(state) is of shape {came}; expected {wanted}, "
+            f"{meaning}"
+        )
         raise InvalidProblemError(words, path="system.model")

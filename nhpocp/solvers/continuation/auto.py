@@ -47,6 +47,8 @@ class Auto(Constructed):
     controllable, so every path clear of the singularities can be followed so; systems with drift go without. 4. The
     goal walked along the geodesic from the pose that the best of the starts reaches.
     Only the winner enters the search for least cost (`Continuation.objective`).
+    continuation: the method that every try is made with. restarts: seeded starts.
+    Errors: `InvalidProblemError` for restarts that are no whole number, `CallError` for another method.
     """
 
     continuation: Continuation = field(default_factory=lambda: Continuation(step_rule=Adaptive()))

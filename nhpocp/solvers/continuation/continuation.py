@@ -44,9 +44,10 @@ from nhpocp.solvers.metrics import CoefficientMetric, Coordinates, Metric
 class Continuation(Constructed):
     """Solver: drives the end-point error E to zero along (16), one step rule at a time.
 
-    ``sensitivity`` makes the end-point map; the default differentiates the integrator, `VariationalEndPointMap`
-    integrates (11)-(12). ``objective``: once the goal is reached, the cost (a name of `OBJECTIVES`) that motion in the
-    null space of J then minimises. ``tolerance`` is on E [radians; lengths divided by the problem's error_length].
+    step_rule: `Adaptive()`, `Euler(gamma)` as in (17), `Ode(gamma)`, or your own `StepRule`. inverse: `MoorePenrose()`,
+    `Damped()`, `Transpose()` or `Lagrangian()`. metric: the size of a control, `CoefficientMetric()` or `L2Metric()`.
+    integrator: `RungeKutta4(steps)`, `CasadiRungeKutta(steps)` or `Cvodes()`. sensitivity: makes the end-point map; the
+    default differentiates the integrator, `VariationalEndPointMap` integrates (11)-(12).
     """
 
     step_rule: StepRule = field(default_factory=Euler)
@@ -54,9 +55,15 @@ class Continuation(Constructed):
     metric: Metric = field(default_factory=CoefficientMetric)
     integrator: Integrator = field(default_factory=RungeKutta4)
     sensitivity: EndPointMapFactory = DifferentiatedEndPointMap
-    tolerance: float = declared.positive(1e-3, "on E")
-    max_iterations: int = declared.whole(500, "updates")
-    objective: str = declared.choice("none", ["none", *costs_of_motion()], "of the null-space phase")
+    tolerance: float = declared.positive(
+        1e-3, "the E [rad] that counts as reached; lengths are divided by the problem's error_length"
+    )
+    max_iterations: int = declared.whole(500, "updates before giving up")
+    objective: str = declared.choice(
+        "none",
+        ["none", *costs_of_motion()],
+        "what motion in the null space of J minimises, or none",
+    )
     seed: int = declared.whole(0, "of everything random")
     name: ClassVar[str] = "jacobian"
 

@@ -42,10 +42,11 @@ class MultiStart(Constructed):
     runs here; only if it fails are the others handed to what ``executor`` makes. The result does not depend on it:
     where it fails, or the problem cannot be sent to it, they run here, too. Evaluations are those of all starts, and
     building and solving together take what the clock showed for all of them, side by side as they run.
+    continuation: the method. executor: makes a `concurrent.futures.Executor`; a process a core unless said.
     """
 
     continuation: Continuation = field(default_factory=Continuation)
-    starts: int = count(8, "tries")
+    starts: int = count(8, "tries: the problem's control, then seeded ones")
     executor: Callable[[], Executor] = processes
     name: ClassVar[str] = "jacobian"
 

@@ -45,7 +45,10 @@ class StepRule(Constructed):
 
 
 def full_step(here: Evaluation) -> Array:
-    """δΛ with J δλ = -e, inputs × size; zero where there is no direction."""
+    """The full step δΛ with J δλ = -e, inputs × size, of which a rule takes a part; zero where there is no direction.
+
+    here: the `Evaluation` of the current control, as `StepRule.updates` is given it. Raises nothing.
+    """
     if here.direction is None:
         return np.zeros_like(here.coefficients)
     return here.direction.step.reshape(here.coefficients.shape)
@@ -55,7 +58,7 @@ def full_step(here: Evaluation) -> Array:
 class Euler(StepRule):
     """Λ ← Λ - γ J^# e, [Paper] eq. (17). The paper names no γ; 0.1 is ours."""
 
-    gamma: float = positive(0.1, "γ of (17)")
+    gamma: float = positive(0.1, "γ of (17), the share of the error that a step should remove")
     kind: ClassVar[str] = "euler"
 
     def updates(self, here: Evaluation, evaluate: Evaluate) -> Iterator[Evaluation]:
@@ -84,7 +87,7 @@ class Adaptive(StepRule):
     ``first_radius`` is in units of 1 + |Λ₀|; lengths are those of the metric, in which a natural control has 1.
     """
 
-    first_radius: float = positive(0.5, "of the trust region")
+    first_radius: float = positive(0.5, "of the trust region, in units of 1 + |Λ₀|")
     kind: ClassVar[str] = "adaptive"
 
     def region(self, length: Number) -> TrustRegion:
@@ -121,7 +124,7 @@ class Ode(StepRule):
     """
 
     gamma: float = positive(0.1, "γ of (16)")
-    tolerance: float = positive(1e-9, "of the integration in θ")
+    tolerance: float = positive(1e-9, "relative and absolute, of the integration in θ")
     kind: ClassVar[str] = "ode"
     evaluations: ClassVar[int] = 13  # DOP853's stages, and the end of the step for the record
 

@@ -20,8 +20,8 @@ from nhpocp.solvers.nlp.optimizer import Optimum, Programme, Watch, optimum
 class Fatrop(Constructed):
     """fatrop, which exploits the stages; needs a programme that has them. [Vanroye et al. 2023]"""
 
-    tolerance: float = positive(1e-6, "its own")
-    max_iterations: int = whole(1000, "its own")
+    tolerance: float = positive(1e-6, "on optimality and constraints, scaled")
+    max_iterations: int = whole(1000, "iterations before giving up")
     kind: ClassVar[str] = "fatrop"
     takes_derivatives: ClassVar[bool] = False  # CasADi's interface has no place for them
     heeds_stops: ClassVar[bool] = False  # nor for a callback between iterations

@@ -13,6 +13,7 @@ from nhpocp.controls.basis import ControlBasis
 from nhpocp.controls.control import Control
 from nhpocp.controls.piecewise_constant import PiecewiseConstant
 from nhpocp.controls.projection import project
+from nhpocp.declared import check, count
 from nhpocp.errors import CallError, InvalidProblemError, OrientationAtPiError, TooLargeError, describe
 from nhpocp.flow.dynamics import Dynamics
 from nhpocp.flow.end_point_map import DifferentiatedEndPointMap
@@ -164,7 +165,10 @@ class ProblemGuess(Constructed):
 
 @dataclass(frozen=True)
 class SolverGuess(Constructed):
-    """The control at which another solver ends, which is told of no bounds: a guess need not be feasible."""
+    """The control at which another solver ends, which is told of no bounds: a guess need not be feasible.
+
+    solver: such as `Auto()`. Errors: `CallError` for what is no solver.
+    """
 
     solver: Solver
     kind: ClassVar[str] = "jacobian"
@@ -198,8 +202,11 @@ class StraightGuess(Constructed):
     not, and stays where it is where there is none.
     """
 
-    pieces: int = 50
+    pieces: int = count(50, "equal parts of the horizon, on each of which the control follows a geodesic")
     kind: ClassVar[str] = "straight"
+
+    def __post_init__(self) -> None:
+        check(self)
 
     def control(self, problem: PlanningProblem, horizon: float, seed: int) -> Control:
         system, space = problem.system, problem.system.state_space

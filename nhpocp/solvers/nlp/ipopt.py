@@ -39,10 +39,13 @@ ENDINGS = {
 
 @dataclass(frozen=True)
 class Ipopt(Constructed):
-    """IPOPT with exact derivatives where the programme has them, else a limited-memory Hessian. [Wächter, Biegler]"""
+    """IPOPT with exact derivatives where the programme has them, else a limited-memory Hessian. [Wächter, Biegler]
 
-    tolerance: float = positive(1e-6, "its own")
-    max_iterations: int = whole(1000, "its own")
+    linear_solver: one that `nhpocp doctor` lists, mumps unless said.
+    """
+
+    tolerance: float = positive(1e-6, "on optimality and constraints, scaled")
+    max_iterations: int = whole(1000, "iterations before giving up")
     linear_solver: str = "mumps"
     kind: ClassVar[str] = "ipopt"
     takes_derivatives: ClassVar[bool] = True

@@ -40,25 +40,30 @@ PATIENCE = 200
 class MultipleShooting(Constructed):
     """Solver: minimises the problem's objective subject to the dynamics, the goal and every bound.
 
-    ``over_basis``: the control over the problem's basis, else piecewise constant on ``intervals``.
-    ``steps_per_interval``: RK4 steps in each interval; None refines them until a simulation with four times as
-    many steps ends within a tenth of the tolerance. Bounds that are broken between the nodes are tightened there by as
-    much, and the problem is solved again. ``starts``: the first is ``guess``, the others seeded; the least objective
-    of those that end well is kept. ``mesh_check``: solve again with twice as many intervals and say what that changes.
-    ``kernels``: whether compiled ones evaluate the intervals for IPOPT.
-    Where no start leads to an optimum, other guesses are tried within the iterations that are left; else a guess that
-    reaches the goal is handed back, and called one.
+    transcription: `StagedTranscription`, or `SingleShooting`. optimizer: `Ipopt()` or `Fatrop()`. guess: where to
+    begin, `ProblemGuess()`, `SolverGuess(solver)` or `StraightGuess()`. kernels: `Interpreted()`, `Compiled()` or
+    `CompiledWhenReady()` evaluate the intervals for IPOPT. Bounds that are broken between the nodes are tightened there
+    by as much, and the problem is solved again. Where no start leads to an optimum, other guesses are tried within the
+    iterations that are left; else a guess that reaches the goal is handed back, and called one.
     """
 
-    intervals: int = declared.count(50, "of shooting")
-    steps_per_interval: int | None = declared.declared("auto or whole", None, "of integration")
-    over_basis: bool = declared.declared("truth", False, "of the control")
+    intervals: int = declared.count(50, "equal parts of the horizon, each with one value of the control")
+    steps_per_interval: int | None = declared.declared(
+        "auto or whole",
+        None,
+        "RK4 steps; None: enough, as four times as many confirm",
+    )
+    over_basis: bool = declared.declared(
+        "truth", False, "the control over the problem's basis, not piecewise constant"
+    )
     transcription: type[Transcription] = StagedTranscription
     optimizer: Optimizer = field(default_factory=Ipopt)
     guess: GuessMaker = field(default_factory=ProblemGuess)
-    starts: int = declared.count(1, "tries")
+    starts: int = declared.count(1, "tries: the guess, then seeded ones; the least objective is kept")
     seed: int = declared.whole(0, "of everything random")
-    mesh_check: bool = declared.declared("truth", False, "with twice the intervals")
+    mesh_check: bool = declared.declared(
+        "truth", False, "solve again with twice the intervals and say what changes"
+    )
     kernels: Kernels = field(default_factory=CompiledWhenReady)
     name: ClassVar[str] = "nlp"
     chooses_horizon: ClassVar[bool] = True
