@@ -13,6 +13,7 @@ from nhpocp.analysis import analyze, slices
 from nhpocp.analysis.analysis import PathAnalysis
 from nhpocp.analysis.growth import Growth
 from nhpocp.cli.analyzing import _path_lines
+from nhpocp.cli.entry import status
 from nhpocp.controls.fourier import Fourier
 from nhpocp.errors import InvalidProblemError
 from nhpocp.outcome import Outcome
@@ -59,6 +60,19 @@ def test_speeds_that_are_no_numbers_are_not_finite(solver):
     plan = nhpocp.solve(problem, problem.solvers[solver])
     assert plan.outcome is Outcome.NOT_FINITE
     assert "speeds of about inf" in plan.message
+
+
+def test_no_control_is_drawn_whose_derivatives_overflow(tmp_path):
+    """The NLP's other guesses begin with drawn controls; lengths of 1e155 make their Jacobians infinite."""
+    changes = (
+        "goal.x=1e155",
+        "solvers.nlp.intervals=5",
+        "solvers.nlp.max_iterations=3",
+        "output.pictures=false",
+    )
+    options = [word for change in changes for word in ("--set", change)]
+    path = str(PROBLEMS / "heisenberg.yaml")
+    assert status(["solve", path, "--solver", "nlp", *options, "-o", str(tmp_path / "plan")]) == 1
 
 
 @pytest.mark.parametrize("value", [1e-160, 1e-300])
