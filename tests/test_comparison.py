@@ -309,7 +309,7 @@ def test_progress_says_which_run_it_is_of():
 
 
 def test_an_unknown_variant_is_refused():
-    with pytest.raises(InvalidProblemError, match="unknown variant 'foo'"):
+    with pytest.raises(InvalidProblemError, match="unknown solver 'foo'"):
         compare([line()], ["foo"])
 
 

@@ -108,7 +108,7 @@ def test_more_starts_keep_the_least_objective():
     claims = [entry["objective"] for entry in tried if entry["outcome"] == "converged"]
     assert solution.outcome is Outcome.CONVERGED
     assert optimum(solution) == min(claims)
-    with pytest.raises(InvalidProblemError, match="at least 1"):
+    with pytest.raises(InvalidProblemError, match="starts: 0 is out of range"):
         MultipleShooting(starts=0).solve(problem)
 
 
