@@ -51,9 +51,8 @@ class Block(Constructed):
         path = f"block {self.name!r}"
         expect(self.name, str, "a name", "block")
         if self.kind not in get_args(Kind):
-            raise InvalidProblemError(
-                f"kind {self.kind!r}; expected one of {', '.join(get_args(Kind))}", path=path
-            )
+            words = f"kind {self.kind!r}; expected one of {', '.join(get_args(Kind))}"
+            raise InvalidProblemError(words, path=path)
         if self.unit not in UNIT_WORDS:
             words = f"unit {self.unit!r}; expected 'length', 'angle', or '' for none"
             raise InvalidProblemError(words, path=path)
@@ -189,9 +188,8 @@ def check_distinct(parts: Iterable[tuple[str, Block]]) -> None:
             raise InvalidProblemError(f"{words}: expected a name of one or more printable characters")
         for each in names:
             if each in taken:
-                raise InvalidProblemError(
-                    f"{taken[each]} and {words} are both called {each!r}; rename one of them"
-                )
+                both = f"{taken[each]} and {words}"
+                raise InvalidProblemError(f"{both} are both called {each!r}; rename one of them")
         taken |= dict.fromkeys(names, words)
 
 
@@ -268,19 +266,16 @@ class StateSpace(Frozen):
         missing = [name for name in self.names if name not in values]
         unknown = [name for name in values if name not in self.names]
         if missing or unknown:
-            raise InvalidProblemError(
-                f"a state needs exactly {', '.join(self.names)}"
-                + (f"; missing: {', '.join(missing)}" if missing else "")
-                + (f"; unknown: {', '.join(unknown)}" if unknown else "")
-            )
+            wrong = {"missing": missing, "unknown": unknown}
+            said = [f"{what}: {', '.join(names)}" for what, names in wrong.items() if names]
+            raise InvalidProblemError("; ".join([f"a state needs exactly {', '.join(self.names)}", *said]))
         xp = namespace(*values.values())
         parts = []
         for block in self.blocks:
             value = values[block.name]
             if block.kind == "rotation":
-                parts += [
-                    xp.array(value)[i, :].T if isinstance(value, list) else value[i, :].T for i in range(3)
-                ]
+                rows = xp.array(value) if isinstance(value, list) else value
+                parts += [rows[i, :].T for i in range(3)]
             else:
                 parts.append(value)
         return xp.concatenate(parts)

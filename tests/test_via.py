@@ -12,8 +12,8 @@ from nhpocp.errors import InvalidProblemError
 from nhpocp.flow.compiled.kernels import Interpreted
 from nhpocp.flow.end_point_map import VariationalEndPointMap
 from nhpocp.flow.integrators import CasadiRungeKutta, Cvodes, RungeKutta4
+from nhpocp.horizon import Horizon
 from nhpocp.planning import solve
-from nhpocp.problem import Horizon, Via
 from nhpocp.problem_file import dump_problem, parse_problem, read_text
 from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.step_rules import Adaptive, Euler, Ode
@@ -33,6 +33,7 @@ from nhpocp.solvers.nlp.single_shooting import SingleShooting
 from nhpocp.solvers.nlp.task_rows import place, stage_times
 from nhpocp.systems.numeric import numeric_system
 from nhpocp.verification.replay import replay
+from nhpocp.via import Via
 from tests.conftest import paper_problem, yaw
 
 MIDDLE = {"position": [0, 0, 30]}

@@ -6,7 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nhpocp.constraints.bound import Bound, check_bounds
-from nhpocp.problem import Horizon, PlanningProblem
+from nhpocp.horizon import Horizon
+from nhpocp.problem import PlanningProblem
 from nhpocp.systems.three_upu import ThreeUPU
 
 LAW = settings(max_examples=50, deadline=None, derandomize=True)

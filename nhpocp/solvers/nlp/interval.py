@@ -15,10 +15,11 @@ from nhpocp.constraints.bound import Bound, bound_rows
 from nhpocp.controls.basis import ControlBasis
 from nhpocp.controls.piecewise_constant import PiecewiseConstant
 from nhpocp.flow.shot import Shot, part
+from nhpocp.horizon import Horizon
 from nhpocp.kept import kept
 from nhpocp.objectives.objective import ControlObjective, PathObjective
 from nhpocp.objectives.registry import OBJECTIVES
-from nhpocp.problem import Horizon, PlanningProblem
+from nhpocp.problem import PlanningProblem
 from nhpocp.solvers.nlp.task_rows import TaskRows, basis_table, stage_times
 from nhpocp.state_space import StateSpace
 from nhpocp.systems.numeric import numeric_system
