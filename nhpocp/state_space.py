@@ -26,9 +26,10 @@ UNIT_WORDS = {"length": "[length]", "angle": "[rad]", "": ""}
 class Block:
     """One named quantity: a part of a state or of an input, or an output, and all that is known of it.
 
-    A direction, a unit vector, and a matrix are outputs only. symbol: how formulas call it, LaTeX without $; none:
-    by its name. wraps: angles that jump by 2π where they are cut. of_pose: an output that depends on the state alone,
-    so that it may be a goal. rate: per unit of time; inputs are so by themselves.
+    A direction, a unit vector, and a matrix are outputs only. symbol: how formulas call it, LaTeX without $; none: by
+    its name. words: how axes call it besides; none: by the symbol alone. wraps: angles that jump by 2π where they are
+    cut. of_pose: an output that depends on the state alone, so that it may be a goal. rate: per unit of time; inputs
+    are so by themselves.
     """
 
     name: str
@@ -36,6 +37,7 @@ class Block:
     components: int = 1  # numbers of a vector, or in each row of a matrix
     unit: Unit = ""
     symbol: str = field(default="", compare=False)
+    words: str = field(default="", compare=False, kw_only=True)
     rows: int = 1  # of a matrix
     wraps: bool = False
     of_pose: bool = False
