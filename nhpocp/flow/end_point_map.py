@@ -77,7 +77,10 @@ EndPointMapFactory = Callable[..., EndPointMap]  # called as the class is made
 
 
 class DifferentiatedEndPointMap(EndPointMap):
-    """The Jacobian as the derivative of what the integrator computes (automatic differentiation)."""
+    """The Jacobian as the derivative of what the integrator computes (automatic differentiation).
+
+    To be named, as in `Continuation(sensitivity=DifferentiatedEndPointMap)`; a solver makes it.
+    """
 
     def _prepare(self) -> Array:
         self._flow = flow_through(*self._asked)
@@ -94,7 +97,10 @@ class DifferentiatedEndPointMap(EndPointMap):
 
 
 class VariationalEndPointMap(EndPointMap):
-    """The Jacobian from the paper's variational equations (11)-(12); also gives the Gram matrix of (14)."""
+    """The Jacobian from the paper's variational equations (11)-(12); also gives the Gram matrix of (14).
+
+    To be named, as in `Continuation(sensitivity=VariationalEndPointMap)`; a solver makes it.
+    """
 
     def _prepare(self) -> Array:
         system, basis, horizon, integrator, fractions = self._asked

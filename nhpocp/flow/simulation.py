@@ -22,7 +22,11 @@ STEPS_AT_LEAST = 800  # where RK4's error on the paper's path is below 1e-11
 
 @dataclass(frozen=True)
 class Motion:
-    """trajectory: "t" and every named quantity, samples first. costs: integrals by name, over the whole motion."""
+    """The motion that a control makes, and what it costs, as `simulate` returns it.
+
+    trajectory: "t" (samples,) [time] and every named quantity, (samples, …) in its unit. costs: integrals by name, over
+    the whole motion.
+    """
 
     trajectory: Mapping[str, Array]
     costs: Mapping[str, float]

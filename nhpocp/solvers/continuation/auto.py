@@ -10,10 +10,12 @@ from typing import Any, ClassVar
 import numpy as np
 
 from nhpocp.arrays import Array
+from nhpocp.constructed import Constructed
 from nhpocp.controls.control import Control
 from nhpocp.controls.sequence import join, retimed
+from nhpocp.declared import whole_number
 from nhpocp.deferred import Deferred
-from nhpocp.errors import OrientationAtPiError
+from nhpocp.errors import OrientationAtPiError, expect
 from nhpocp.flow.integrators import RungeKutta4
 from nhpocp.interruption import STOPPED, Interruption
 from nhpocp.objectives.registry import OBJECTIVES
@@ -36,7 +38,7 @@ BUDGET = 3000  # evaluations, after which no new try begins
 
 
 @dataclass(frozen=True)
-class Auto:
+class Auto(Constructed):
     """Solver: the adaptive continuation, and what else may reach the goal, in this order.
 
     1. From the problem's own start (a seeded one if that has no full rank). 2. From ``restarts`` seeded starts.
@@ -45,11 +47,17 @@ class Auto:
     controllable, so every path clear of the singularities can be followed so; systems with drift go without. 4. The
     goal walked along the geodesic from the pose that the best of the starts reaches.
     Only the winner enters the search for least cost (`Continuation.objective`).
+    continuation: the method that every try is made with. restarts: seeded starts.
+    Errors: `InvalidProblemError` for restarts that are no whole number, `CallError` for another method.
     """
 
     continuation: Continuation = field(default_factory=lambda: Continuation(step_rule=Adaptive()))
     restarts: int = 4
     name: ClassVar[str] = "jacobian"
+
+    def __post_init__(self) -> None:
+        expect(self.continuation, Continuation, "a Continuation", "Auto.continuation")
+        whole_number(self.restarts, "Auto.restarts")
 
     @property
     def tolerance(self) -> float:
