@@ -32,8 +32,8 @@ class Block(Constructed):
     `vector`, `scalar`, `rotation`, `direction` and `matrix` make them; a direction, a unit vector, and a matrix are
     outputs only. name: printable. kind: one of these five. components: numbers of a vector, or in each row of a matrix;
     rows: of a matrix. unit: "length", "angle" [rad], or "". symbol: how formulas call it, LaTeX without $; none: by its
-    name. wraps: angles that jump by 2π where they are cut. of_pose: an output that depends on the state alone,
-    so that it may be a goal. rate: per unit of time; inputs are so by themselves.
+    name. words: how axes call it besides. wraps: angles that jump by 2π where they are cut. of_pose: an output that
+    depends on the state alone, so that it may be a goal. rate: per unit of time; inputs are so by themselves.
     Errors: `InvalidProblemError` for an unknown kind or unit, or numbers of components that are none.
     """
 
@@ -42,6 +42,7 @@ class Block(Constructed):
     components: int = 1  # numbers of a vector, or in each row of a matrix
     unit: Unit = ""
     symbol: str = field(default="", compare=False)
+    words: str = field(default="", compare=False, kw_only=True)
     rows: int = 1  # of a matrix
     wraps: bool = False
     of_pose: bool = False
