@@ -60,12 +60,13 @@ def verify(folder: Path, as_json: bool) -> int:
     verdict = audited.verdict
     if as_json:
         from nhpocp.solution_folder import plain
+        from nhpocp.solution_folder.stored import StoredVerdict
 
         put(
             {
                 "folder": str(folder),
                 "outcome": audited.stated.outcome.value,
-                "verified": plain(verdict.to_json()),
+                "verified": plain(StoredVerdict.written(verdict)),
                 "differences": audited.differences,
                 "unchecked": audited.unchecked,
             }
