@@ -211,8 +211,7 @@ def test_the_map_may_go_through_a_pose_of_the_path():
 
 
 def test_public_names():
-    assert nhpocp.analyze is analyze
-    assert isinstance(analyze(paper_problem(), degree=2), nhpocp.Analysis)
+    assert isinstance(nhpocp.analyze(paper_problem(), degree=2), nhpocp.Analysis)
 
 
 # --- pictures and files -----------------------------------------------------------------------------------------------
