@@ -33,7 +33,7 @@ from unittest import mock
 from matplotlib.figure import Figure
 
 from nhpocp import analysis, comparison, planning, whole
-from nhpocp.cli import verbs
+from nhpocp.cli import solving
 from nhpocp.cli.entry import status
 from nhpocp.problem_file import load_problem
 from nhpocp.solution_folder import load_solution
@@ -375,8 +375,8 @@ def _draw_little(patch: Any) -> None:
     patch(figures, "names_of", lambda _: list(tiny))
     patch(analysis_figures, "FIGURES", tiny)
     patch(analysis_figures, "names_of", lambda _: ["robot"])
-    patch(verbs, "_report", lambda found, file, _: write_text(file, _page("compare", found.entries)))
-    patch(verbs, "_animation", lambda entries, file: write_text(file, _page("animate", entries)))
+    patch(solving, "_report", lambda found, file, _: write_text(file, _page("compare", found.entries)))
+    patch(solving, "_animation", lambda entries, file: write_text(file, _page("animate", entries)))
 
 
 def _page(verb: str, entries: Any) -> str:
