@@ -21,6 +21,7 @@ from nhpocp.errors import InvalidProblemError, describe, expect, refuse
 from nhpocp.frozen import ByValue, FixedDict, Frozen, as_value, fixed
 from nhpocp.horizon import Horizon
 from nhpocp.objectives.registry import available
+from nhpocp.plain_text import brief
 from nhpocp.poses import checked_goal, checked_start, goal_blocks
 from nhpocp.scales import Scales, natural_scales
 from nhpocp.state_space import Block
@@ -74,6 +75,15 @@ class PlanningProblem(ByValue, Frozen):
     pictures: bool = True
     reference: Mapping[str, Any] = field(default_factory=dict)
     source: str | None = field(default=None, init=False, compare=False)  # see `read_from`
+
+    def __repr__(self) -> str:
+        horizon = self.horizon
+        time = f"{horizon.range[0]:g} … {horizon.range[1]:g}" if horizon.free else f"{horizon.fixed:g}"
+        more = [
+            f"{len(part)} {word}" for part, word in ((self.via, "via poses"), (self.bounds, "bounds")) if part
+        ]
+        words = ", ".join([brief(self.basis), f"T = {time}", f"objective {self.objective}", *more])
+        return f"<PlanningProblem {brief(self.name)}: {self.system.model}, {words}>"
 
     def __hash__(self) -> int:
         """Of what most problems differ in; solvers may have none."""

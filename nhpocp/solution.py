@@ -15,6 +15,7 @@ from nhpocp.controls.control import Control
 from nhpocp.deferred import Deferred, Named, extended
 from nhpocp.frozen import ByValue
 from nhpocp.outcome import Outcome
+from nhpocp.plain_text import brief, visible
 from nhpocp.problem import PlanningProblem
 from nhpocp.systems.margins import det, margin
 
@@ -39,6 +40,9 @@ class Crossing:
     def letter(self) -> str:
         """What [Paper] calls the matrix."""
         return det(self.matrix).letter
+
+    def __repr__(self) -> str:
+        return f"<Crossing of det {self.letter} = 0 at t = {self.time:.4g}>"
 
     def to_json(self) -> dict[str, Any]:
         known = {"which": self.which, "t": self.time, "returns": self.returns, "touches": self.touches}
@@ -80,6 +84,12 @@ class Verdict:
     bounds: Sequence[BoundReport] = ()
     warnings: Sequence[str] = ()
 
+    def __repr__(self) -> str:
+        said = "ok" if self.ok else f"refuted: {visible('; '.join(self.reasons))}"
+        error = "" if self.error is None else f", E = {self.error:.3g}"
+        crossed = f", {len(self.crossings)} crossings" if self.crossings else ""
+        return f"<Verdict {said}{error}{crossed}>"
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Solution(ByValue):
@@ -119,6 +129,12 @@ class Solution(ByValue):
             entries = getattr(self, name)
             if not isinstance(entries, Deferred | Named):
                 object.__setattr__(self, name, Named(entries))
+
+    def __repr__(self) -> str:
+        error = self.verdict.error if self.verdict and self.verdict.error is not None else self.final_error
+        ending = self.outcome.value if self.verdict else f"{self.outcome.value} (nobody has verified it)"
+        numbers = f"E = {error:.3g}, effort {self.control.effort:.6g}, {self.evaluations} evaluations"
+        return f"<Solution of {brief(self.problem.name)} by {self.solver}: {ending}, {numbers}>"
 
     @property
     def converged(self) -> bool:

@@ -15,6 +15,7 @@ from nhpocp.analysis.verdict import Controllability, Reserve, verdict
 from nhpocp.arrays import Array
 from nhpocp.controls.control import Control
 from nhpocp.errors import InvalidProblemError
+from nhpocp.plain_text import brief
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Crossing
 from nhpocp.solvers.nlp.guesses import NoGuessError, ProblemGuess
@@ -43,6 +44,9 @@ class PointAnalysis:
     margins: Mapping[str, float]  # sigma_*, det_*
     note: str = ""
 
+    def __repr__(self) -> str:
+        return f"<PointAnalysis: growth vector {self.growth.vector}, margins {brief(self.margins)}>"
+
     def to_json(self, problem: PlanningProblem) -> dict[str, Any]:
         return {
             "state": describe_state(problem.system.state_space, self.state),
@@ -65,6 +69,10 @@ class PathAnalysis:
     margins: Mapping[str, Array]  # sigma_*, det_*, (k,)
     crossings: tuple[Crossing, ...]
     crossing_states: Array  # (crossings, size)
+
+    def __repr__(self) -> str:
+        crossed = f", {len(self.crossings)} crossings" if self.crossings else ""
+        return f"<PathAnalysis to t = {self.times[-1]:.4g}: growth vector {self.generic.vector}{crossed}>"
 
     @property
     def irregular(self) -> list[int]:
@@ -116,6 +124,10 @@ class Analysis:
     map: SingularityMap | None = None
     mobility: Mobility | None = None  # of a parallel robot at the start
     notes: Sequence[str] = field(default=())
+
+    def __repr__(self) -> str:
+        system, growth = self.problem.system, self.filtration.generic.vector
+        return f"<Analysis of {brief(self.problem.name)}: {system.model}, {self.controllability.kind}, growth {growth}>"
 
     def to_json(self) -> dict[str, Any]:
         """Plain data; numbers may be infinite or NaN."""

@@ -9,8 +9,9 @@ from math import inf, isfinite, log10
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
-from nhpocp.cli.terminal import console, visible
+from nhpocp.cli.terminal import console
 from nhpocp.deferred import at_hand
+from nhpocp.plain_text import visible
 
 if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions, RenderResult

@@ -13,6 +13,7 @@ from nhpocp.constructed import add_to_manual
 from nhpocp.declared import real
 from nhpocp.errors import CallError, InvalidProblemError, describe, expect, suggestion
 from nhpocp.frozen import Frozen, as_value
+from nhpocp.plain_text import as_call
 from nhpocp.state_space import UNIT_WORDS, Block, StateSpace, Unit, check_distinct
 from nhpocp.systems.margins import margin
 
@@ -189,6 +190,11 @@ class System(Frozen):
                 )
             values[name] = vars(self)[name]
         return type(self)(**values)
+
+    def __repr__(self) -> str:
+        values = self.parameters().items()
+        known = {name: parameter.default for name, parameter in self.declared.items()}
+        return as_call(type(self).__name__, [(name, value, known.get(name, ...)) for name, value in values])
 
     def parameters(self) -> dict[str, Any]:
         """Every parameter as plain JSON data; ``type(self)(**self.parameters())`` is the same system."""
