@@ -24,6 +24,7 @@ from nhpocp.outcome import Outcome
 from nhpocp.plain_text import brief, visible
 from nhpocp.problem import PlanningProblem
 from nhpocp.provenance import machine, peak_memory, reset_peak_memory
+from nhpocp.shown import Shown
 from nhpocp.solution import Progress, Solution, Solver, telling
 from nhpocp.solvers.unsolved import unsolved
 
@@ -136,7 +137,7 @@ class Group:
 
 
 @dataclass(frozen=True)
-class Comparison:
+class Comparison(Shown):
     """Runs that are done, as `compare` returns them.
 
     entries: a run each, in order. notes: what a reader has to know of the whole, such as runs that never began.

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sized
+from itertools import islice
 from typing import Any
 
 LONGEST = 130  # characters, beyond which what stands at its default is left out
@@ -28,16 +29,19 @@ def brief(value: Any) -> str:
     if isinstance(shape, tuple) and hasattr(value, "tolist"):  # NumPy's
         return brief(value.tolist()) if value.size <= FEW else f"<array {' × '.join(map(str, shape))}>"
     if isinstance(value, Mapping):
-        if len(value) > ENTRIES:
-            return f"<mapping of {len(value)}>"
-        return f"{{{', '.join(f'{key!r}: {brief(entry)}' for key, entry in value.items())}}}"
+        inner = ", ".join(f"{key!r}: {brief(entry)}" for key, entry in islice(value.items(), ENTRIES))
+        return f"{{{visible(inner)}}}" if _short(value, inner) else f"<mapping of {len(value)}>"
     if isinstance(value, list | tuple):
-        if len(value) > ENTRIES:
+        inner = ", ".join(map(brief, value[:ENTRIES]))
+        if not _short(value, inner):
             return f"<{'list' if isinstance(value, list) else 'tuple'} of {len(value)}>"
-        inner = ", ".join(map(brief, value))
         return f"[{inner}]" if isinstance(value, list) else f"({inner}{',' if len(value) == 1 else ''})"
     text = visible(" ".join(repr(value).split()))
     return text if len(text) <= LONGEST else f"{text[: LONGEST - 1]}…"
+
+
+def _short(entries: Sized, text: str) -> bool:
+    return len(entries) <= ENTRIES and len(text) <= LONGEST
 
 
 def as_call(name: str, arguments: Iterable[tuple[str, Any, Any]]) -> str:

@@ -24,6 +24,7 @@ from nhpocp.objectives.registry import available
 from nhpocp.plain_text import brief
 from nhpocp.poses import checked_goal, checked_start, goal_blocks
 from nhpocp.scales import Scales, natural_scales
+from nhpocp.shown import Shown
 from nhpocp.state_space import Block
 from nhpocp.systems.margins import margin
 from nhpocp.systems.quantities import quantities
@@ -39,7 +40,7 @@ SAME_TIME = 1e-6  # fractions of the horizon that are nearer have no room for a 
 
 
 @dataclass(kw_only=True, eq=False)
-class PlanningProblem(ByValue, Frozen):
+class PlanningProblem(ByValue, Frozen, Shown):
     """A task: steer a system from a start to a goal. Frozen; equal to its copies; `replace(problem, …)` makes another.
 
     system: such as `ThreeUPU()`. start: a value for every block of the state, as {"position": [0, 0, 25],

@@ -17,6 +17,7 @@ from nhpocp.controls.control import Control
 from nhpocp.errors import InvalidProblemError
 from nhpocp.plain_text import brief
 from nhpocp.problem import PlanningProblem
+from nhpocp.shown import Shown
 from nhpocp.solution import Crossing
 from nhpocp.solvers.nlp.guesses import NoGuessError, ProblemGuess
 from nhpocp.systems.mobility import Mobility, mobility
@@ -105,7 +106,7 @@ class PathAnalysis:
 
 
 @dataclass(frozen=True)
-class Analysis:
+class Analysis(Shown):
     """Everything that `analyze` found out, as its `to_json()` says in plain data.
 
     problem, tolerance: what was asked. filtration: growth vectors at the start, at a goal that is a state, then along

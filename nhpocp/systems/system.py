@@ -14,6 +14,7 @@ from nhpocp.declared import real
 from nhpocp.errors import CallError, InvalidProblemError, describe, expect, suggestion
 from nhpocp.frozen import Frozen, as_value
 from nhpocp.plain_text import as_call
+from nhpocp.shown import Shown
 from nhpocp.state_space import UNIT_WORDS, Block, StateSpace, Unit, check_distinct
 from nhpocp.systems.margins import margin
 
@@ -106,7 +107,7 @@ def _blocks(system: System, space: str) -> Sequence[Block]:
     return getattr(getattr(system, space, None), "blocks", ())
 
 
-class System(Frozen):
+class System(Frozen, Shown):
     r"""A control system  ẋ = f(x) + G(x) u  on a `StateSpace`, driftless where f = 0.
 
     x is a packed point, u a packed input; G(x) has one row per tangent number (rotations: angular velocity in base

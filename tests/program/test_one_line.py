@@ -99,7 +99,7 @@ WRITTEN = [
     ),
     (
         nhpocp.ThreeUPU(legs=[Leg((i, 0, 0), (0, i, 0), (0, 0, 1), (1, 0, 0)) for i in (1, 2, 3)]),
-        "ThreeUPU(legs=[",
+        "ThreeUPU(legs=<list of 3>, form='feedback')",
     ),
     (nhpocp.Interpreted(), "Interpreted()"),
     (CROSSING, "<Crossing of det W = 0 at t = 0.54>"),
@@ -115,7 +115,7 @@ def test_settings_and_systems_are_written_as_one_would_type_them(made, line):
     assert repr(made).startswith(line)
 
 
-@pytest.mark.parametrize("made", [made for made, line in WRITTEN if line.endswith(")")])
+@pytest.mark.parametrize("made", [made for made, line in WRITTEN if "<" not in line])
 def test_a_line_that_is_a_call_makes_the_object_again(made):
     again = eval(repr(made), {name: getattr(nhpocp, name) for name in PUBLIC} | {"Leg": Leg})
     assert type(again) is type(made)
