@@ -13,6 +13,7 @@ from nhpocp.solution import Progress
 from nhpocp.views.progress import AT_ONCE, LONGEST_LINE, Panel
 
 PAUSE = 0.25  # seconds between two updates
+NOTHING = {"text/plain": "", "text/html": ""}
 
 
 def in_a_notebook() -> bool:
@@ -45,7 +46,7 @@ def followed(progress: Progress | None, title: str = "") -> Iterator[Progress | 
         yield listen
     finally:
         if shown:
-            update_display({}, display_id=shown, raw=True)
+            update_display(NOTHING, display_id=shown, raw=True)
 
 
 def _as_output(panel: Panel) -> dict[str, str]:
