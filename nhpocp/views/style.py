@@ -91,8 +91,8 @@ def sheet() -> Iterator[None]:
 class Picture(Figure):
     """A figure that a notebook shows whether or not pyplot has been imported."""
 
-    def _repr_png_(self) -> bytes:
-        return png(self)
+    def _repr_png_(self) -> tuple[bytes, dict[str, int]]:
+        return png(self), {"width": round(96 * self.get_figwidth())}
 
 
 def png(figure: Figure) -> bytes:

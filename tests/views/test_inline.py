@@ -38,10 +38,11 @@ def test_a_picture_by_name_is_matplotlibs_figure_and_a_small_png(name, tmp_path)
     figure = good().plot(name)
     assert isinstance(figure, Figure)
     assert FIGURES[name](good()).get_size_inches().tolist() == figure.get_size_inches().tolist()
-    png = figure._repr_png_()
+    png, shown = figure._repr_png_()
     assert len(png) < SMALL
     image = Image.open(io.BytesIO(png)).convert("RGB")
     assert image.size[0] == pytest.approx(120 * figure.get_figwidth(), abs=1)
+    assert shown["width"] == pytest.approx(96 * figure.get_figwidth(), abs=1)
     assert image.getpixel((0, 0)) == (255, 255, 255)  # reads on dark pages too
     figure.savefig(tmp_path / "picture.pdf")
     assert (tmp_path / "picture.pdf").stat().st_size > 1000
