@@ -24,6 +24,7 @@ from nhpocp.problem import PlanningProblem
 from nhpocp.problem_file.reading import build, read
 from nhpocp.solution import Progress, Solution, Solver, Verdict
 from nhpocp.systems.trial import try_out
+from nhpocp.views.inline_progress import followed
 
 if TYPE_CHECKING:
     from nhpocp.analysis import Analysis
@@ -53,14 +54,16 @@ def solve(
 
     problem: a `PlanningProblem`, or the name of its file. solver: a solver such as `Auto()` or `MultipleShooting()`, or
     the name of one, "jacobian" or "nlp", with the problem's settings; by default its Jacobian method. progress: called
-    with a record after every evaluated control.
+    with a record after every evaluated control; in a notebook, without it, a few lines show how far the solve is.
     The `Solution` has `outcome`, `message`, `converged`, `control`, `costs` and `trajectory`, arrays by name, samples
     first: "t" (samples,) [time], "position" (samples, 3) [length], "orientation" (samples, 3, 3), inputs and outputs.
     A solve that fails is an outcome of the solution, no error.
     Errors: `InvalidProblemError` for what is no problem or no solver, or a problem that the solver cannot take. Warns,
     as `NhpocpWarning`, of what is hardly meant.
     """
-    return planning.solve(_problem(problem), solver, progress)
+    made = _problem(problem)
+    with followed(progress, made.name) as listener:
+        return planning.solve(made, solver, listener)
 
 
 def plan_many(
@@ -108,12 +111,9 @@ def compare(
     if not many:
         raise CallError(f"problems: expected at least one, each {A_PROBLEM}, got none")
     wanted = [variants] if isinstance(variants, str) else variants
-    return comparison.compare(
-        [item if isinstance(item, comparison.Run) else _problem(item) for item in many],
-        wanted,
-        progress,
-        finished,
-    )
+    made = [item if isinstance(item, comparison.Run) else _problem(item) for item in many]
+    with followed(progress) as listener:
+        return comparison.compare(made, wanted, listener, finished)
 
 
 def analyze(
