@@ -39,7 +39,7 @@ def doubts(
         yield InvalidProblemError(words, path="goal", at_key=True)
     for pose, report in broken_poses(problem):
         verb = {"start": "begin", "goal": "end"}.get(pose, "pass")
-        words = f"{report.name} is {report.value:.4g}, {report.limit_words()}; no plan can {verb} there"
+        words = f"{report.name} is {report.value_words()}, {report.limit_words()}; no plan can {verb} there"
         place = f"via[{order[int(pose[4:-1])]}]" if pose.startswith("via[") else pose
         yield InvalidProblemError(words, path=place, at_key=True)
     poses = [start, *(via.goal for via in problem.via), goal]

@@ -84,10 +84,8 @@ def contradiction(problem: PlanningProblem) -> str:
         lower, upper = np.broadcast_arrays(lower, upper)
         if (lower > upper).any():
             place = np.unravel_index(int(np.argmax(lower - upper)), lower.shape)
-            return (
-                f"{_names(bounds)} leave nothing: {quantity} is to be at least {lower[place]:g} and at most "
-                f"{upper[place]:g}"
-            )
+            least, most = (bounds[0].figure(side[place]) for side in (lower, upper))
+            return f"{_names(bounds)} leave nothing: {quantity} is to be at least {least} and at most {most}"
     ends = {"start": problem.start_point}
     if problem.goal_is_a_pose:
         ends["goal"] = problem.goal_point

@@ -168,7 +168,7 @@ def _broken_bounds(problem: PlanningProblem) -> str:
     """The poses that break a bound themselves, in words."""
     names = {f"via[{i}]": f"via pose at {via.share:g}" for i, via in enumerate(problem.via)}
     return "; ".join(
-        f"the {names.get(place, place)} itself breaks {report.name}, which is {report.value:.4g}, "
+        f"the {names.get(place, place)} itself breaks {report.name}, which is {report.value_words()}, "
         + report.limit_words()
         for place, report in broken_poses(problem)
     )

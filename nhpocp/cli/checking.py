@@ -42,8 +42,8 @@ def check(files: tuple[Path, ...], overrides: tuple[str, ...], as_json: bool) ->
         if not as_json:
             tell(f"{file}: ok")
     for failure in failures:
-        for error in failure.each[:MOST]:
-            say(str(error))
+        for mistake in failure.each[:MOST]:
+            say(str(mistake))
         if len(failure.each) > MOST:
             say(f"{failure.file}: and {len(failure.each) - MOST} more")
     if as_json:

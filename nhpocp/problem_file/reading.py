@@ -211,9 +211,9 @@ def _validated(raw: dict[str, Any]) -> tuple[ProblemData, System]:
         data = ProblemData.model_validate({**raw, "system": {}} if "system" in raw else raw)
     except ValidationError as error:
         wrong += translate(error, ProblemData)
-    for error in wrong:
-        if error.word is not None:
-            error.elsewhere = [path for path in homes(error.word, raw, system) if path != error.path]
+    for each in wrong:
+        if each.word is not None:
+            each.elsewhere = [path for path in homes(each.word, raw, system) if path != each.path]
     refuse(wrong)  # among them a system that is missing
     return data.model_copy(update={"system": block}), system
 
