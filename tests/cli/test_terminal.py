@@ -99,7 +99,11 @@ def test_ctrl_c_ends_the_progress_and_keeps_what_was_found(tmp_path):
 
 
 def test_the_second_phase_shows_its_cost_and_the_worst_bound_and_a_stop_draws_nothing(tmp_path):
-    wanted = ["constraints.leg_length=[20,50]", "constraints.leg_speed=31", "solvers.jacobian.objective=effort"]
+    wanted = [
+        "constraints.leg_length=[20,50]",
+        "constraints.leg_speed=31",
+        "solvers.jacobian.objective=effort",
+    ]
     overrides = [word for one in [*wanted, "solvers.jacobian.step_rule=auto"] for word in ("--set", one)]
     arguments = ["solve", PAPER, *overrides, "-o", "out"]
     status, sent = in_a_terminal(arguments, tmp_path, 90, "bounds: leg_speed", NO_COLOR="1")

@@ -271,9 +271,11 @@ class LeastCost:
                 outcome = Outcome.CONSTRAINT_VIOLATED
                 reports = self._rows.reports(self.problem.control(coefficients, self.horizon))
                 report = worst(reports)
-                details["constraints"]["broken"] = [each.bound.label for each in reports if not each.ok]
+                broken = [each.bound.label for each in reports if not each.ok]
+                details["constraints"]["broken"] = broken
+                together = " and ".join(broken) if len(broken) > 1 else "every bound"
                 parts[-1] = (
-                    f"no control near it over this basis was found that keeps every bound: {report.describe()}; "
+                    f"no control near it over this basis was found that keeps {together}: {report.describe()}; "
                     "more harmonics may find one"
                 )
         sentence = "; ".join([*parts, end] if end else parts)

@@ -39,7 +39,9 @@ ACCURACY = 1e-10  # of the cost in units of the first one, of e and of g
 FIRST_WEIGHT, MOST_WEIGHT = 10.0, 1e4  # of the violation, times the first cost
 UNUSABLE = 1e6  # times the first cost: what a path that cannot be used counts as
 ROOM = 1e-6  # of a limit: what a row that presses may leave
-STALLED = 0.02  # of a violation: what ten times the weight takes off at least where it goes on to fall
+# of a violation: the least that ten times the weight takes off where it goes on to fall. From 10 to 100 a quadratic cost
+# that the greatest weight would outweigh gives 0.9 %
+STALLED = 0.005
 
 
 @dataclass(frozen=True)
