@@ -39,8 +39,8 @@ ACCURACY = 1e-10  # of the cost in units of the first one, of e and of g
 FIRST_WEIGHT, MOST_WEIGHT = 10.0, 1e4  # of the violation, times the first cost
 UNUSABLE = 1e6  # times the first cost: what a path that cannot be used counts as
 ROOM = 1e-6  # of a limit: what a row that presses may leave
-# of a violation: the least that ten times the weight takes off where it goes on to fall. From 10 to 100 a quadratic cost
-# that the greatest weight would outweigh gives 0.9 %
+# of a violation: the least that ten times the weight takes off where it goes on to fall; from 10 to 100 it is 0.9 % for
+# a quadratic cost that the greatest weight outweighs
 STALLED = 0.005
 
 
