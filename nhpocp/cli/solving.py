@@ -46,7 +46,7 @@ def solve(
         from nhpocp import planning
 
         with progress(as_json, f"{problem.name} by {solver}") as show:
-            solution = planning.solve(problem, problem.solvers[solver], show)
+            solution = planning.solve(problem, planning.own_solver(problem, solver), show)
             interruption.patient = True
             if show and problem.pictures:
                 show(DRAWING)
