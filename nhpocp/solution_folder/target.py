@@ -15,6 +15,7 @@ from nhpocp.whole import Bench, bench, exchange, sweep
 
 DATA = ("problem.yaml", "solution.json", "trajectory.csv", "iterations.csv", "arrays.npz", "solver.log")
 PICTURES = ("controls", "relative_pose", "convergence", "margins", "robot", "failure")
+KINDS = ("png", "svg", "pdf")  # of picture files
 ANIMATIONS = ("animation.html", "animation.gif", "animation.mp4")
 ANALYSIS = ("analysis.json", "map.npz")  # of `nhpocp analyze`, and its pictures
 ANALYSIS_PICTURES = ("singularity_map", "along_guess", "agility")
@@ -31,7 +32,7 @@ OWN = {
     *DATA,
     *ANIMATIONS,
     *ANALYSIS,
-    *(f"{name}.{kind}" for name in _DRAWN for kind in ("png", "svg", "pdf")),
+    *(f"{name}.{kind}" for name in _DRAWN for kind in KINDS),
 }
 
 

@@ -23,7 +23,18 @@ from nhpocp.views.finite_path import path_of
 from nhpocp.views.labels import axis_label, notation, symbol
 from nhpocp.views.panels import SPREAD, Curve, Panel, logarithmic, of_group, of_quantity, panels
 from nhpocp.views.records import accepted, column, positive
-from nhpocp.views.style import ALARM, COLOURS, COMPACT, PANEL, legend_above, line_style, say, trial_style
+from nhpocp.views.style import (
+    ALARM,
+    COLOURS,
+    COMPACT,
+    OWN_SIZE,
+    PANEL,
+    Room,
+    legend_above,
+    line_style,
+    say,
+    trial_style,
+)
 
 HEIGHT, NARROW = 4.4, 4.6  # inches: of the whole picture; its width where there are no records to show
 LEAST = 1e-8  # of the largest singular value: what is less is drawn there
@@ -34,14 +45,19 @@ _THIN_ALARM = {"color": ALARM, "linewidth": 0.9, "linestyle": ":", "zorder": 1.5
 _Plot = Callable[[Any, Solution], None]  # onto axes
 
 
-def failure(solution: Solution) -> Figure:
-    """The records on the left, if there are any; the last path, or its two ends alone, on the right."""
+def failure(solution: Solution, room: Room = OWN_SIZE) -> Figure:
+    """The records on the left, if there are any; the last path, or its two ends alone, on the right, or below."""
     columns = [plots for plots in (_of_records(solution), _of_path(solution)) if plots]
     size = (2 * PANEL[0], HEIGHT) if len(columns) > 1 else (NARROW, PANEL[1] + 0.4)
-    figure = Figure(figsize=size, layout=ConstrainedLayoutEngine(w_pad=0.06, h_pad=0.05))
-    grid = figure.add_gridspec(1, len(columns))
+    across = room.columns(len(columns))
+    down = len(columns) // across
+    width = room.width or size[0]
+    figure = Figure(
+        figsize=(width, room.height or down * size[1]), layout=ConstrainedLayoutEngine(w_pad=0.06, h_pad=0.05)
+    )
+    grid = figure.add_gridspec(down, across)
     for i, rows in enumerate(columns):
-        cells = grid[0, i].subgridspec(len(rows), 1)
+        cells = grid[divmod(i, across)].subgridspec(len(rows), 1)
         for j, plot in enumerate(rows):
             plot(figure.add_subplot(cells[j, 0]), solution)
     say(figure, [f"{_title(solution)}: {_short(solution)}", _cut_words(solution)])
@@ -121,7 +137,7 @@ def _evaluation_axis(axes: Any, solution: Solution) -> None:
 def plot_errors(axes: Any, solution: Solution) -> None:
     """E of every evaluation on a log axis; what was refused, and what was not finite."""
     errors, good = positive(column(solution.iterations, "error")), accepted(solution.iterations)
-    _by_evaluation(axes, solution, errors, r"error $\mathcal{E}$", color=COLOURS[0])
+    _by_evaluation(axes, solution, errors, r"error $\mathscr{E}$", color=COLOURS[0])
     if not good.all():
         axes.plot([], [], label="refused", **trial_style(1), color=COLOURS[0])
     axes.axhline(solution.tolerance, label=f"tolerance {solution.tolerance:g}", **plots.REFERENCE)

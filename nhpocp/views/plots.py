@@ -85,11 +85,11 @@ def draw_convergence(axes: Any, solution: Solution) -> None:
     ks, errors = error_history(solution)
     known = np.flatnonzero(np.isfinite(errors))
     look = {"color": COLOURS[0], "marker": "o", "markersize": 2.2, "linewidth": 1.0}
-    axes.plot(ks, errors, label=r"error $\mathcal{E}$", zorder=3, **look)
+    axes.plot(ks, errors, label=r"error $\mathscr{E}$", zorder=3, **look)
     refused = error_history(solution, kept=False)
     if len(refused[0]):
         axes.plot(*refused, label="trial", **trial_style(len(refused[0])), color=COLOURS[0])
-    names = (r"$\mathcal{E}(0)\,e^{-\gamma\theta}$", r"$\mathcal{E}(0)\,(1-\gamma)^k$")
+    names = (r"$\mathscr{E}(0)\,e^{-\gamma\theta}$", r"$\mathscr{E}(0)\,(1-\gamma)^k$")
     for i, (name, values) in enumerate(zip(names, decays(solution) or (), strict=False), 1):
         axes.plot(ks, values, label=name, zorder=2, **{**line_style(i), "linewidth": 0.9})
     axes.axhline(solution.tolerance, label=f"tolerance {solution.tolerance:g}", **REFERENCE)
@@ -103,12 +103,12 @@ def draw_convergence(axes: Any, solution: Solution) -> None:
 
 def error_axis(axes: Any, over: str, low: float | None = None, high: float | None = None) -> None:
     """E on a log axis over whole numbers."""
-    axes.set(yscale="log", ylim=(low, high), xlabel=over, ylabel=r"error $\mathcal{E}$ [–]")
+    axes.set(yscale="log", ylim=(low, high), xlabel=over, ylabel=r"error $\mathscr{E}$ [–]")
     axes.xaxis.get_major_locator().set_params(integer=True)
 
 
 def _last_point(axes: Any, solution: Solution, k: float, error: float) -> None:
-    words = f"{solution.outcome.value.replace('_', ' ')}: $\\mathcal{{E}}$ = {error:.2g} at $k$ = {k:g}"
+    words = f"{solution.outcome.value.replace('_', ' ')}: $\\mathscr{{E}}$ = {error:.2g} at $k$ = {k:g}"
     if solution.outcome is Outcome.CONVERGED:
         look = {"marker": "D", "color": COLOURS[2], "markersize": 4}
     else:
