@@ -11,9 +11,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from nhpocp import so3
 from nhpocp.arrays import Array
-from nhpocp.errors import OrientationAtPiError
+from nhpocp.relative import blocks_with_goal, relative_to
 from nhpocp.solution import Solution
 from nhpocp.state_space import Block
 from nhpocp.systems.margins import Margin, margin
@@ -256,11 +255,9 @@ def _errors(solution: Solution, path: FinitePath) -> list[Panel]:
 def _goal_groups(solution: Solution) -> list[list[Block]]:
     """Blocks and outputs with a goal, as they share a panel: the scalars by unit, every other alone."""
     groups: dict[str, list[Block]] = {}
-    system = solution.problem.system
-    for block in (*system.state_space.blocks, *system.pose_outputs):
-        if block.name in solution.problem.goal and block.name in solution.trajectory:
-            key = f"scalars {block.unit}" if block.kind == "scalar" else f"block {block.name}"
-            groups.setdefault(key, []).append(block)
+    for block in blocks_with_goal(solution):
+        key = f"scalars {block.unit}" if block.kind == "scalar" else f"block {block.name}"
+        groups.setdefault(key, []).append(block)
     return list(groups.values())
 
 
@@ -284,18 +281,10 @@ def _error_words(solution: Solution, blocks: Sequence[Block]) -> tuple[str, str]
 
 
 def relative_values(solution: Solution, block: Block) -> Array:
-    """value - goal, or the rotation vector from goal to value with NaN at a half turn; (samples, components)."""
+    """`relative_to` along the path, as far as it can be drawn; (samples, components)."""
     path, goal = path_of(solution), solution.problem.goal[block.name]
     values = quantity(solution, block.name, path)
-    if block.kind not in ("rotation", "direction"):
-        return values - np.ravel(goal) if values.size else values
-    vectors = np.full((path.samples, 3), np.nan)
-    for k, value in enumerate(values.reshape(-1, *block.shape)):
-        try:
-            vectors[k] = so3.log(value @ goal.T) if block.kind == "rotation" else so3.between(goal, value)
-        except OrientationAtPiError:
-            continue  # the axis is not defined there
-    return vectors
+    return relative_to(np.asarray(goal), values, block) if values.size else values
 
 
 def half_turns(times: Array, rotation_vectors: Array) -> Array:
