@@ -27,6 +27,7 @@ from nhpocp.state_space import Block
 from nhpocp.systems.margins import margin
 from nhpocp.systems.quantities import quantities
 from nhpocp.systems.system import System
+from nhpocp.units import Units
 from nhpocp.via import Via
 
 if TYPE_CHECKING:
@@ -52,6 +53,7 @@ class PlanningProblem(ByValue, Frozen):
     that counts as much as one radian in E. length_scale: divides the rotation columns of the regularity matrices (None:
     the system's own length, else error_length). solvers: solver objects by name, used by `nhpocp.solve`. samples: of
     trajectories. pictures: whether folders have any. reference: known results, for tests.
+    units: words for labels and tables, {"length": "m", "time": "s"}.
     Errors: `InvalidProblemError` where the parts do not fit together; the first, and all `others`.
     """
 
@@ -73,6 +75,7 @@ class PlanningProblem(ByValue, Frozen):
     samples: int = 201
     pictures: bool = True
     reference: Mapping[str, Any] = field(default_factory=dict)
+    units: Units = field(default_factory=Units)
     source: str | None = field(default=None, init=False, compare=False)  # see `read_from`
 
     def __hash__(self) -> int:
@@ -119,6 +122,7 @@ class PlanningProblem(ByValue, Frozen):
         expect(self.reference, Mapping, "a mapping", "reference")
         self.written = {"start": self.start, "goal": self.goal, "via": self.via}
         self.horizon = Horizon.of(self.horizon)
+        self.units = Units.of(self.units)
         self.samples = whole_number(self.samples, "output.samples")
         if isinstance(self.initial, str) and self.initial == "auto":
             self.initial = None

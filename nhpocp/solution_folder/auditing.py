@@ -241,8 +241,8 @@ class _Comparison:
             yield f"trajectory.csv cannot be read: {getattr(error, 'strerror', None) or error}"
             return
         header, *rows = list(csv.reader(io.StringIO(text, newline=""))) or [[]]
-        former = [column for column in every if column.former]
-        if header == [as_text(column.former) for column in former]:  # of version 0.1
+        former = [column for column in every if column.entry]
+        if header == [as_text(column.entry) for column in former]:  # of version 0.1
             every = former
         elif header != [column.name for column in every]:
             yield "trajectory.csv: its header is not that of this trajectory"

@@ -23,6 +23,12 @@ def write_trajectory(solution: Solution, file: Path) -> None:
     _write(file, [column.name for column in every], np.column_stack([column.values for column in every]))
 
 
+def write_columns(solution: Solution, file: Path) -> None:
+    """A row per column of that table: its unit, where its numbers stand in arrays.npz, and what they are."""
+    rows = [(column.name, column.unit, column.entry, column.meaning) for column in columns(solution)]
+    _write(file, ("column", "unit", "entry", "meaning"), rows)
+
+
 def write_iterations(solution: Solution, file: Path) -> None:
     """A row per record of the solve, in the order in which the controls were evaluated."""
     names = record_names(solution.iterations)

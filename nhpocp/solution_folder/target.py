@@ -13,7 +13,15 @@ from nhpocp.errors import InvalidProblemError
 from nhpocp.problem_file.document import open_file
 from nhpocp.whole import Bench, bench, exchange, sweep
 
-DATA = ("problem.yaml", "solution.json", "trajectory.csv", "iterations.csv", "arrays.npz", "solver.log")
+DATA = (
+    "problem.yaml",
+    "solution.json",
+    "trajectory.csv",
+    "columns.csv",
+    "iterations.csv",
+    "arrays.npz",
+    "solver.log",
+)
 PICTURES = ("controls", "relative_pose", "convergence", "margins", "robot", "failure")
 KINDS = ("png", "svg", "pdf")  # of picture files
 ANIMATIONS = ("animation.html", "animation.gif", "animation.mp4")

@@ -14,10 +14,10 @@ import numpy as np
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from nhpocp.arrays import Array
+from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Solution
-from nhpocp.systems.system import System
 from nhpocp.views.finite_path import FinitePath, path_of, quantity
-from nhpocp.views.labels import axis_label, symbol, unit_words
+from nhpocp.views.labels import axis_label, symbol
 from nhpocp.views.style import COLOURS, GREY, line_style
 
 ELEVATION, AZIMUTH = 20.0, -62.0  # degrees
@@ -86,10 +86,12 @@ def dimension(drawn: Mapping[str, Any]) -> int:
     return int(np.shape(items[0])[-1]) if items else 3
 
 
-def axis_names(system: System, numbers: int) -> list[str]:
+def axis_names(problem: PlanningProblem, numbers: int) -> list[str]:
     """x, y, z, with the unit of a state that has lengths."""
-    lengths = any(block.unit == "length" for block in system.state_space.blocks)
-    return [axis_label("", name, unit_words("length") if lengths else "") for name in SPACE[:numbers]]
+    lengths = any(block.unit == "length" for block in problem.system.state_space.blocks)
+    return [
+        axis_label("", name, problem.units.words("length") if lengths else "") for name in SPACE[:numbers]
+    ]
 
 
 def extent(*drawings: Mapping[str, Any], points: Array) -> tuple[Array, Array]:

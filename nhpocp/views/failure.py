@@ -189,7 +189,8 @@ def _cut_words(solution: Solution) -> str | None:
 def _finish(axes: Any, solution: Solution, label: str, columns: int) -> None:
     """Time up to T, or to a little more than where the path ends; the label and the legend."""
     end, horizon = _end(solution), float(solution.control.horizon)
-    plots.time_axis(axes, end, min(horizon, 1.3 * end) if end > 0 else horizon)
+    unit = solution.problem.units.time
+    plots.time_axis(axes, end, min(horizon, 1.3 * end) if end > 0 else horizon, unit)
     axes.set_ylabel(label)
     legend_above(axes, columns, **COMPACT)
 
@@ -212,7 +213,8 @@ def plot_broken(axes: Any, solution: Solution, report: BoundReport) -> None:
 
 
 def _bound_words(solution: Solution, report: BoundReport) -> str:
-    _, mathtext, unit = notation(solution.problem.system, report.bound.quantity)
+    problem = solution.problem
+    _, mathtext, unit = notation(problem.system, report.bound.quantity, units=problem.units)
     return axis_label(report.bound.label.partition(".")[0].replace("_", " "), mathtext, unit)
 
 

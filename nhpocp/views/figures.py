@@ -97,7 +97,7 @@ def robot(solution: Solution, room: Room = OWN_SIZE) -> Figure:
     entries += [("path", {"color": COLOURS[6], "linewidth": 1.1})] if len(points) else []
     entries += [("goal", {"color": "0.45", "linewidth": 0.7, "linestyle": (0, (4, 2))})] if goal else []
     handles = [Line2D([], [], label=words, **style) for words, style in entries]
-    names, count = drawing.axis_names(solution.problem.system, len(low)), len(poses)
+    names, count = drawing.axis_names(solution.problem, len(low)), len(poses)
     figure, boxes, columns = _views(count, room)
     for pose, (left, bottom, width, height) in zip(poses, boxes, strict=True):
         # room for the name of the z axis, and for words over the view

@@ -18,7 +18,7 @@ from nhpocp.state_space import Block
 from nhpocp.systems.margins import Margin, margin
 from nhpocp.systems.system import System
 from nhpocp.views.finite_path import FinitePath, path_of, quantity
-from nhpocp.views.labels import LEGS, axis_label, notation, symbol, unit_words
+from nhpocp.views.labels import LEGS, axis_label, notation, symbol
 
 SPREAD = 30.0  # of the least value to the largest, from which an axis is logarithmic
 HALF_TURN = "half turn: no unique axis"
@@ -144,7 +144,7 @@ def _curves(solution: Solution, names: Iterable[str], times: Array, values: Arra
     for name in names:
         bounds = [bound for bound in problem.bounds if bound.quantity == name]
         for place in np.ndindex(*np.shape(solution.trajectory[name])[1:]):
-            _, label, unit = notation(problem.system, name, *place)
+            _, label, unit = notation(problem.system, name, *place, units=problem.units)
             limits = {limit for bound in bounds for limit in bound.limits(place) if np.isfinite(limit)}
             curves.append(Curve(name, label, unit, times, next(columns), tuple(sorted(limits))))
     return tuple(curves)
@@ -233,14 +233,14 @@ def _states(solution: Solution, path: FinitePath) -> list[Panel]:
 
 def _errors(solution: Solution, path: FinitePath) -> list[Panel]:
     """The path relative to the goal: zero at the end is the goal reached. [Paper] section 4 and Fig. 3."""
-    every, system = [], solution.problem.system
+    every, system, units = [], solution.problem.system, solution.problem.units
     for blocks in _goal_groups(solution):
         curves, marks = [], [*_via_marks(solution)]
         for block in blocks:
-            values, unit = relative_values(solution, block), notation(system, block.name).unit
+            values, unit = relative_values(solution, block), notation(system, block.name, units=units).unit
             if block.kind in ("rotation", "direction"):
                 marks += [Mark(time, HALF_TURN) for time in half_turns(path.times, values)]
-                values, symbols, unit = _broken(values), ["$r_1$", "$r_2$", "$r_3$"], unit_words(block.unit)
+                values, symbols, unit = _broken(values), ["$r_1$", "$r_2$", "$r_3$"], units.words(block.unit)
             else:
                 places = [()] if block.kind == "scalar" else [(i,) for i in range(block.components)]
                 symbols = [_error_symbol(notation(system, block.name, *place).symbol) for place in places]

@@ -11,6 +11,7 @@ from nhpocp.arrays import Array
 from nhpocp.outcome import Outcome
 from nhpocp.solution import Solution
 from nhpocp.views.finite_path import FinitePath
+from nhpocp.views.labels import axis_label
 from nhpocp.views.panels import Mark, Panel, logarithmic
 from nhpocp.views.records import decays, error_history
 from nhpocp.views.style import ALARM, COLOURS, COMPACT, FAINT, GREY, legend_above, line_style, trial_style
@@ -29,7 +30,7 @@ def draw(axes: Any, panel: Panel, path: FinitePath) -> None:
     if panel.margin:
         margin_axis(axes, [curve.values for curve in panel.curves])
     draw_limits(axes, {limit for curve in panel.curves for limit in curve.limits})
-    time_axis(axes, path.end, path.horizon)
+    time_axis(axes, path.end, path.horizon, path.time_unit)
     axes.set_ylabel(panel.label)
     legend_above(axes)
 
@@ -70,9 +71,9 @@ def draw_limits(axes: Any, limits: Iterable[float]) -> None:
             axes.axhline(limit, **LIMIT)
 
 
-def time_axis(axes: Any, end: float, last: float) -> None:
+def time_axis(axes: Any, end: float, last: float, unit: str | None) -> None:
     """Time from 0 to ``last``, hatched from ``end`` on, where there is no path."""
-    axes.set(xlim=(0, last), xlabel="time $t$ [–]")
+    axes.set(xlim=(0, last), xlabel=axis_label("time", "$t$", unit or "–"))
     if end < last * (1 - 1e-9):
         axes.axvspan(end, last, facecolor=FAINT, edgecolor="0.8", hatch="////", linewidth=0, zorder=0.5)
 

@@ -227,6 +227,12 @@ def facts(group: Group) -> list[tuple[str, Markup]]:
     return terms + ([("Reference values", _reference(problem))] if problem.reference else [])
 
 
+def units(problem: PlanningProblem) -> str:
+    """What the table's numbers are counted in."""
+    length = problem.units.length or "the problem file's unit"
+    return f"Lengths in {length}, times in {problem.units.time or 'its unit of time'}, angles in radians."
+
+
 def controls(group: Group) -> dict[Markup, list[int]]:
     """What the runs begin with, and which of them begin so."""
     places: dict[Markup, list[int]] = {}

@@ -97,7 +97,7 @@ def test_a_failed_run_comes_back_too(failed, tmp_path):
 def test_files_hold_the_contract(solution, tmp_path):
     folder = save_solution(solution, tmp_path / "out")
     assert {path.name for path in folder.iterdir()} == {
-        *("problem.yaml", "solution.json", "trajectory.csv", "arrays.npz", "solver.log")
+        *("problem.yaml", "solution.json", "trajectory.csv", "columns.csv", "arrays.npz", "solver.log")
     }
     data = json.loads((folder / "solution.json").read_text())
     assert data["schema_version"] == 1
