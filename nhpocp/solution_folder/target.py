@@ -27,11 +27,17 @@ KINDS = ("png", "svg", "pdf")  # of picture files
 ANIMATIONS = ("animation.html", "animation.gif", "animation.mp4")
 ANALYSIS = ("analysis.json", "map.npz")  # of `nhpocp analyze`, and its pictures
 ANALYSIS_PICTURES = ("singularity_map", "along_guess", "agility")
-COMPARISON = ("report.html", "comparison.csv", "comparison.json")  # beside the folders of the problems
+COMPARISON = (
+    "report.html",
+    "comparison.csv",
+    "comparison.tex",
+    "comparison.json",
+)  # beside the folders of the problems
 # what stands near the beginning or the end of such a file of ours, the first version's included; a table's is its head
 SIGNED = {
     "report.html": (b'content="nhpocp compare"', b"dl.facts { display: grid;"),
     "comparison.csv": (b"name,solver,variant,",),
+    "comparison.tex": (b"% nhpocp compare",),
     "comparison.json": (b'"schema_version"',),
     "animation.html": (b"nhpocp animate",),
 }
