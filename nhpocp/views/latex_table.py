@@ -3,6 +3,7 @@ r"""A comparison as a table for LaTeX, ruled as booktabs does: what `\input{comp
 from __future__ import annotations
 
 import math
+import re
 import unicodedata
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
@@ -21,12 +22,13 @@ _SPECIAL = {
     "<": r"\ensuremath{<}",
     ">": r"\ensuremath{>}",
     "|": r"\ensuremath{|}",
+    "$": r"{\char36}",  # \$ is in fonts that small installations do not have
     '"': r"{\char34}",
     "`": r"{\char96}",
     "[": "{[}",  # after the end of a row it would begin a length
     "*": "{*}",  # and this would forbid a page break
     "-": "{-}",  # two would become a dash
-    **{letter: "\\" + letter for letter in "&%$#_{}"},
+    **{letter: "\\" + letter for letter in "&%#_{}"},
 }
 _ACCENTS = dict(
     zip("\u0300\u0301\u0302\u0303\u0308\u0304\u0306\u0307\u030c\u0327", "`'^~\"=u.vc", strict=True)
@@ -65,7 +67,8 @@ class _Column(NamedTuple):
 
 
 def latex_table(comparison: Comparison) -> str:
-    """The runs of a comparison as one `tabular`, a row each; several problems stand over their runs."""
+    """The runs of a comparison as one `tabular`, a row each; several problems stand over their runs, or name them
+    where each has one."""
     groups = comparison.groups
     columns = _columns(groups, comparison.rows())
     lines = [
@@ -73,14 +76,22 @@ def latex_table(comparison: Comparison) -> str:
         r"\toprule",
     ]
     lines.append(_row([column.head for column in columns]))
-    for group in groups:
-        lines.append(r"\midrule")
-        if len(groups) > 1:
-            lines.append(rf"\multicolumn{{{len(columns)}}}{{@{{}}l}}{{\emph{{{escaped(group.title)}}}}} \\")
-        best = Comparison(group.entries).rows()
-        for title, row in zip(titles(group.entries), best, strict=True):
-            lines.append(_row([column.cell({**row, "title": title}) for column in columns]))
+    alone = len(groups) > 1 and all(len(group.entries) == 1 for group in groups)
+    for i, group in enumerate(groups):
+        lines += [] if i and alone else [r"\midrule"]
+        if len(groups) > 1 and not alone:
+            lines.append(rf"\multicolumn{{{len(columns)}}}{{@{{}}l}}{{\textbf{{{escaped(group.title)}}}}} \\")
+        names = [group.title] if alone else _short(titles(group.entries))
+        for name, row in zip(names, Comparison(group.entries).rows(), strict=True):
+            lines.append(_row([column.cell({**row, "title": name}) for column in columns]))
     return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", ""])
+
+
+def _short(names: Sequence[str]) -> list[str]:
+    """What tells runs apart: of one method alone its settings."""
+    parts = [re.fullmatch(r"(.*?) \((.*)\)", name) for name in names]
+    methods = {part[1] for part in parts if part}
+    return [part[2] for part in parts if part] if all(parts) and len(methods) == 1 else list(names)
 
 
 def _row(cells: Sequence[str]) -> str:

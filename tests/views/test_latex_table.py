@@ -21,7 +21,7 @@ ENGINE = shutil.which("pdflatex") or shutil.which("tectonic")
 PAPER = r"\documentclass{article}\usepackage{booktabs}\begin{document}\input{comparison}\end{document}"
 # what is left of a text once the commands that `escaped` writes are taken out
 COMMAND = re.compile(
-    r"\\[&%$#_{}]|\\textbackslash\{\}|\\textascii(tilde|circum)\{\}|\\ensuremath\{[<>|]\}|\{\\char\d+\}|\{[\[*-]\}"
+    r"\\[&%#_{}]|\\textbackslash\{\}|\\textascii(tilde|circum)\{\}|\\ensuremath\{[<>|]\}|\{\\char\d+\}|\{[\[*-]\}"
     r"|\\[`'^~\"=.uvc]\{\w\}"
 )
 
@@ -60,13 +60,20 @@ def test_every_row_has_a_cell_a_column() -> None:
 
 def test_numbers_are_those_of_the_rows() -> None:
     comparison = Comparison.of([made(), made(2.0, settings={"gamma": 0.5})])
-    rows = [text.split(" & ") for text in latex_table(comparison).splitlines() if text.startswith("Jacobian")]
+    rows = [text.split(" & ") for text in latex_table(comparison).splitlines() if text.startswith("gamma")]
     assert [row[3] for row in rows] == ["1.5", "6"]
     assert [row[4] for row in rows] == ["0.00", "300.00"]
-    assert [row[0] for row in rows] == ["Jacobian method (gamma = 0.1)", "Jacobian method (gamma = 0.5)"]
+    assert [row[0] for row in rows] == ["gamma = 0.1", "gamma = 0.5"]
     assert [number(value) for value in (None, 1e-9, -2.5, 123456.0)] == [
         *("--", r"$1\times10^{-9}$", "$-2.5$", r"$1.235\times10^{5}$")
     ]
+
+
+def test_problems_with_a_run_each_are_rows() -> None:
+    runs = [made(problem=line(goal=goal, name=f"goal_{goal:g}")) for goal in (1.0, 2.0, 3.0)]
+    lines = latex_table(Comparison.of(runs)).splitlines()
+    assert [text.split(" & ")[0] for text in lines[5:8]] == [rf"goal\_{i}" for i in (1, 2, 3)]
+    assert lines.count(r"\midrule") == 1
 
 
 @pytest.mark.skipif(ENGINE is None, reason="no LaTeX here")
