@@ -21,7 +21,7 @@ from nhpocp.outcome import Outcome
 from nhpocp.problem import PlanningProblem
 from nhpocp.scales import coarse
 from nhpocp.solution import Progress, Solution, Solver
-from nhpocp.solvers.registry import SOLVERS
+from nhpocp.solvers.registry import SOLVERS, made_solver
 from nhpocp.solvers.unsolved import unsolved
 from nhpocp.systems.numeric import numeric_system
 from nhpocp.verification import verify
@@ -127,7 +127,7 @@ def own_solver(problem: PlanningProblem, name: str) -> Solver:
     if name not in SOLVERS:
         near = suggestion(name, [*problem.solvers, *SOLVERS])
         raise InvalidProblemError(f"unknown solver {name!r}; {near}", path="solver")
-    return SOLVERS[name]().solver(None, {})
+    return made_solver(name, SOLVERS[name]())
 
 
 def refused(problem: PlanningProblem, solver: Solver) -> Solution | None:

@@ -21,8 +21,10 @@ from nhpocp.errors import InvalidProblemError, describe, expect, refuse
 from nhpocp.frozen import ByValue, FixedDict, Frozen, as_value, fixed
 from nhpocp.horizon import Horizon
 from nhpocp.objectives.registry import available
+from nhpocp.plain_text import brief
 from nhpocp.poses import checked_goal, checked_start, goal_blocks
 from nhpocp.scales import Scales, natural_scales
+from nhpocp.shown import Shown
 from nhpocp.state_space import Block
 from nhpocp.systems.margins import margin
 from nhpocp.systems.quantities import quantities
@@ -39,7 +41,7 @@ SAME_TIME = 1e-6  # fractions of the horizon that are nearer have no room for a 
 
 
 @dataclass(kw_only=True, eq=False)
-class PlanningProblem(ByValue, Frozen):
+class PlanningProblem(ByValue, Frozen, Shown):
     """A task: steer a system from a start to a goal. Frozen; equal to its copies; `replace(problem, …)` makes another.
 
     system: such as `ThreeUPU()`. start: a value for every block of the state, as {"position": [0, 0, 25],
@@ -77,6 +79,15 @@ class PlanningProblem(ByValue, Frozen):
     reference: Mapping[str, Any] = field(default_factory=dict)
     units: Units = field(default_factory=Units)
     source: str | None = field(default=None, init=False, compare=False)  # see `read_from`
+
+    def __repr__(self) -> str:
+        horizon = self.horizon
+        time = f"{horizon.range[0]:g} … {horizon.range[1]:g}" if horizon.free else f"{horizon.fixed:g}"
+        more = [
+            f"{len(part)} {word}" for part, word in ((self.via, "via poses"), (self.bounds, "bounds")) if part
+        ]
+        words = ", ".join([brief(self.basis), f"T = {time}", f"objective {self.objective}", *more])
+        return f"<PlanningProblem {brief(self.name)}: {self.system.model}, {words}>"
 
     def __hash__(self) -> int:
         """Of what most problems differ in; solvers may have none."""

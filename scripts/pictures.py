@@ -75,7 +75,7 @@ def motion(solution: nhpocp.Solution) -> Figure:
         figure = Figure(figsize=(4.4, 2.2))
         for i, pose in enumerate(poses):
             box = (i / 2, 0.04, 0.48, 0.88)
-            names = drawing.axis_names(solution.problem, len(low))
+            names = drawing.axis_names(solution.problem.system, len(low), solution.problem.units)
             axes = drawing.add_view(figure, box, low, high, names, zoom=0.84)
             if goal:
                 drawing.plot_robot(axes, goal.drawing, ghost=True)

@@ -191,6 +191,12 @@ class BoundReport:
         """The bound and its component, as in leg_length[1]."""
         return self.bound.label + "".join(f"[{i}]" for i in self.component)
 
+    def __repr__(self) -> str:
+        place = f"nearest {self.value:.4g} at t = {self.time:.4g}"
+        return (
+            f"<BoundReport {self.name} is kept, {place}>" if self.ok else f"<BoundReport {self.describe()}>"
+        )
+
     def describe(self) -> str:
         return f"{self.name} is {self.value:.4g} at t={self.time:.4g}, {self.limit_words()}"
 

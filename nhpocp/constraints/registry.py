@@ -9,7 +9,7 @@ from nhpocp.constraints.bound import Bound
 from nhpocp.constraints.kind import ConstraintKind
 from nhpocp.constraints.written import as_written
 from nhpocp.errors import InvalidProblemError, refuse
-from nhpocp.family import Family
+from nhpocp.family import Family, Group
 from nhpocp.systems.system import System
 
 KINDS: Family[ConstraintKind] = Family(
@@ -22,6 +22,9 @@ KINDS: Family[ConstraintKind] = Family(
         "state": "nhpocp.constraints.state:StateBox",
     },
     made=lambda cls: cls(),
+    group=Group(
+        "nhpocp.constraints", "nhpocp.constraints.kind:ConstraintKind", "key", "a constraint", ("given",)
+    ),
 )
 
 

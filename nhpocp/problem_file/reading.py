@@ -126,7 +126,7 @@ def read_text(text: str, file: str | None = None, overrides: Sequence[str] = ())
 def build(file: ProblemFile) -> PlanningProblem:
     """The problem of a file, with its solvers."""
     try:
-        if file.system.model not in SYSTEMS:
+        if file.system.model not in SYSTEMS.lines:
             try_out(file.system, file.problem.start_point)
         return file.problem.with_(solvers=build_solvers(file.data)).read_from(file.text)
     except InvalidProblemError as error:
@@ -220,7 +220,7 @@ def _assembled(data: ProblemData, system: System) -> PlanningProblem:
             each.path = _as_written(each.path or "", order)
         raise
     except Exception as error:
-        if system.model in SYSTEMS:
+        if system.model in SYSTEMS.lines:
             raise
         raise _failing(system, error) from error
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from nhpocp.csv_writer import write_table
+from nhpocp.errors import MissingDependencyError
 from nhpocp.solution import Solution
 from nhpocp.solution_folder.columns import columns
 
@@ -27,6 +28,18 @@ def write_columns(solution: Solution, file: Path) -> None:
     """A row per column of that table: its unit, where its numbers stand in arrays.npz, and what they are."""
     rows = [(column.name, column.unit, column.entry, column.meaning) for column in columns(solution)]
     _write(file, ("column", "unit", "entry", "meaning"), rows)
+
+
+def data_frame(solution: Solution) -> Any:
+    """That table as a pandas DataFrame. Errors: `MissingDependencyError` without pandas."""
+    try:
+        import pandas
+    except ImportError as error:
+        words = "a data frame needs pandas, which is not installed here; it comes with "
+        raise MissingDependencyError(
+            f'{words}pip install "nhpocp[notebook]", or pip install pandas'
+        ) from error
+    return pandas.DataFrame({column.name: column.values for column in columns(solution)})
 
 
 def write_iterations(solution: Solution, file: Path) -> None:

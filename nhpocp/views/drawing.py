@@ -16,8 +16,10 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from nhpocp.arrays import Array
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Solution
+from nhpocp.systems.system import System
+from nhpocp.units import Units
 from nhpocp.views.finite_path import FinitePath, path_of, quantity
-from nhpocp.views.labels import axis_label, symbol
+from nhpocp.views.labels import UNNAMED, axis_label, symbol
 from nhpocp.views.style import COLOURS, GREY, line_style
 
 ELEVATION, AZIMUTH = 20.0, -62.0  # degrees
@@ -54,12 +56,9 @@ def states_of(solution: Solution, path: FinitePath) -> Array:
     return np.hstack([quantity(solution, name, path) for name in names])
 
 
-def goal_pose(solution: Solution) -> Pose | None:
+def goal_pose(problem: PlanningProblem) -> Pose | None:
     """The wanted pose, where the goal fixes the whole state."""
-    system, problem = solution.problem.system, solution.problem
-    if set(problem.goal) != set(system.state_space.names):
-        return None
-    return Pose("goal", system.drawing(problem.goal_point))
+    return Pose("goal", problem.system.drawing(problem.goal_point)) if problem.goal_is_a_pose else None
 
 
 def path_points(solution: Solution, path: FinitePath) -> Array:
@@ -86,12 +85,10 @@ def dimension(drawn: Mapping[str, Any]) -> int:
     return int(np.shape(items[0])[-1]) if items else 3
 
 
-def axis_names(problem: PlanningProblem, numbers: int) -> list[str]:
+def axis_names(system: System, numbers: int, units: Units = UNNAMED) -> list[str]:
     """x, y, z, with the unit of a state that has lengths."""
-    lengths = any(block.unit == "length" for block in problem.system.state_space.blocks)
-    return [
-        axis_label("", name, problem.units.words("length") if lengths else "") for name in SPACE[:numbers]
-    ]
+    lengths = any(block.unit == "length" for block in system.state_space.blocks)
+    return [axis_label("", name, units.words("length") if lengths else "") for name in SPACE[:numbers]]
 
 
 def extent(*drawings: Mapping[str, Any], points: Array) -> tuple[Array, Array]:

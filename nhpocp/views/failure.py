@@ -29,6 +29,7 @@ from nhpocp.views.style import (
     COMPACT,
     OWN_SIZE,
     PANEL,
+    Picture,
     Room,
     legend_above,
     line_style,
@@ -52,7 +53,7 @@ def failure(solution: Solution, room: Room = OWN_SIZE) -> Figure:
     across = room.columns(len(columns))
     down = len(columns) // across
     width = room.width or size[0]
-    figure = Figure(
+    figure = Picture(
         figsize=(width, room.height or down * size[1]), layout=ConstrainedLayoutEngine(w_pad=0.06, h_pad=0.05)
     )
     grid = figure.add_gridspec(down, across)

@@ -15,14 +15,31 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from nhpocp.arrays import Array
 from nhpocp.outcome import Outcome
+from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Solution
+from nhpocp.systems.system import System
+from nhpocp.units import Units
 from nhpocp.views import drawing, plots
 from nhpocp.views import failure as failures
+from nhpocp.views.drawing import Pose
 from nhpocp.views.finite_path import path_of, quantity
+from nhpocp.views.labels import UNNAMED
 from nhpocp.views.panels import Panel, crossing_words, margins_of, merged, of_group, panels
 from nhpocp.views.records import error_history
-from nhpocp.views.style import COLOURS, GREY, OWN_SIZE, Room, axes_grid, line_style, say, sheet, styled
+from nhpocp.views.style import (
+    COLOURS,
+    GREY,
+    OWN_SIZE,
+    Picture,
+    Room,
+    axes_grid,
+    line_style,
+    say,
+    sheet,
+    styled,
+)
 from nhpocp.views.svg_text import text_svg
 from nhpocp.whole import write_files
 
@@ -31,7 +48,7 @@ VIEW = (2.35, 2.42)  # inches: one view of a mechanism
 
 def _only_words(words: str, room: Room) -> Figure:
     width, height = room.panel(1)
-    figure = Figure(figsize=(width, room.height or height))
+    figure = Picture(figsize=(width, room.height or height))
     figure.text(
         0.5, 0.5, textwrap.fill(words, int(12.5 * width)), ha="center", va="center", fontsize=9, color=GREY
     )
@@ -89,16 +106,32 @@ def robot(solution: Solution, room: Room = OWN_SIZE) -> Figure:
     poses = drawing.poses_of(solution)
     if not poses[0].drawing["lines"]:
         return _bare_path(solution, room)
-    path = path_of(solution)
-    points, goal = drawing.path_points(solution, path), drawing.goal_pose(solution)
-    shown = [pose.drawing for pose in poses] + ([goal.drawing] if goal else [])
-    low, high = drawing.extent(*shown, points=points)
+    path, problem = path_of(solution), solution.problem
+    points, goal = drawing.path_points(solution, path), drawing.goal_pose(problem)
+    figure = mechanism(problem.system, poses, goal, points, problem.units, room)
     entries = drawing.legend_entries(poses[0].drawing)
     entries += [("path", {"color": COLOURS[6], "linewidth": 1.1})] if len(points) else []
     entries += [("goal", {"color": "0.45", "linewidth": 0.7, "linestyle": (0, (4, 2))})] if goal else []
     handles = [Line2D([], [], label=words, **style) for words, style in entries]
-    names, count = drawing.axis_names(solution.problem, len(low)), len(poses)
-    figure, boxes, columns = _views(count, room)
+    columns = len(handles) if _columns(len(poses), room) == len(poses) else 4
+    figure.legend(handles=handles, loc="lower center", ncols=columns, bbox_to_anchor=(0.5, 0.015))
+    say(figure, [path.words])
+    return figure
+
+
+def mechanism(
+    system: System,
+    poses: Sequence[Pose],
+    goal: Pose | None,
+    points: Array,
+    units: Units = UNNAMED,
+    room: Room = OWN_SIZE,
+) -> Figure:
+    """Poses of a mechanism side by side, with the dashed goal and the path (samples, 3 or 2) where there are any."""
+    shown = [pose.drawing for pose in poses] + ([goal.drawing] if goal else [])
+    low, high = drawing.extent(*shown, points=points)
+    names = drawing.axis_names(system, len(low), units)
+    figure, boxes = _views(len(poses), room)
     for pose, (left, bottom, width, height) in zip(poses, boxes, strict=True):
         # room for the name of the z axis, and for words over the view
         box = (left, bottom, 0.96 * width, 0.93 * height)
@@ -108,22 +141,37 @@ def robot(solution: Solution, room: Room = OWN_SIZE) -> Figure:
         drawing.plot_robot(axes, pose.drawing)
         drawing.plot_path(axes, points)
         figure.text(left + width / 2, bottom + 0.95 * height, pose.words, ha="center", va="center")
-    last = len(handles) if columns == count else 4
-    figure.legend(handles=handles, loc="lower center", ncols=last, bbox_to_anchor=(0.5, 0.015))
-    say(figure, [path.words])
     return figure
 
 
-def _views(count: int, room: Room) -> tuple[Figure, list[tuple[float, float, float, float]], int]:
-    """A figure for so many views, their boxes in fractions of it over a legend, and how many stand side by side."""
-    columns = room.columns(count, VIEW[0] / 1.5)
+def _columns(count: int, room: Room) -> int:
+    """How many of so many views stand side by side."""
+    return room.columns(count, VIEW[0] / 1.5)
+
+
+def _views(count: int, room: Room) -> tuple[Figure, list[tuple[float, float, float, float]]]:
+    """A figure for so many views, and their boxes in fractions of it, over a legend."""
+    columns = _columns(count, room)
     rows, foot = -(-count // columns), 0.33 if columns == count else 0.5  # inches
     width, height = room.panel(columns, (max(1.0, 1.5 / count) * VIEW[0], VIEW[1]), 1.1)
     whole = room.height or rows * height + foot
-    figure = Figure(figsize=(columns * width, whole))
+    figure = Picture(figsize=(columns * width, whole))
     low, tall = foot / whole, (1 - foot / whole) / rows
     places = [divmod(i, columns) for i in range(count)]
-    return figure, [(j / columns, low + (rows - 1 - i) * tall, 1 / columns, tall) for i, j in places], columns
+    return figure, [(j / columns, low + (rows - 1 - i) * tall, 1 / columns, tall) for i, j in places]
+
+
+def task(problem: PlanningProblem) -> Figure | None:
+    """The mechanism at its start and the goal dashed; nothing for a system that draws nothing."""
+    start = Pose("start", problem.system.drawing(problem.start_point))
+    goal = drawing.goal_pose(problem)
+    return standing(problem.system, start, goal) if start.drawing["lines"] else None
+
+
+def standing(system: System, pose: Pose, goal: Pose | None = None) -> Figure:
+    """A mechanism in one pose."""
+    with sheet():
+        return mechanism(system, [pose], goal, np.empty((0, drawing.dimension(pose.drawing))))
 
 
 def _bare_path(solution: Solution, room: Room = OWN_SIZE) -> Figure:
@@ -132,7 +180,7 @@ def _bare_path(solution: Solution, room: Room = OWN_SIZE) -> Figure:
     if not path.samples:
         return _only_words(path.words or "There is no path to draw.", room)
     side = room.panel(1)[0]
-    figure = Figure(figsize=(side, room.height or side))
+    figure = Picture(figsize=(side, room.height or side))
     if states:
         curves = merged(states).curves[:3]
         shown = np.column_stack([curve.values for curve in curves])

@@ -44,7 +44,7 @@ def drawn(system: System, state: Array) -> Mapping[str, Any]:
 
 def ends_of(solution: Solution) -> dict[str, Mapping[str, Any]]:
     """The drawings of the start and, where it fixes the whole state, of the goal."""
-    problem, goal = solution.problem, drawing.goal_pose(solution)
+    problem, goal = solution.problem, drawing.goal_pose(solution.problem)
     ends = {"start": drawn(problem.system, problem.start_point)}
     return ends | ({"goal": drawn(problem.system, problem.goal_point)} if goal else {})
 
@@ -80,7 +80,9 @@ def scene(solution: Solution, most: int) -> dict[str, Any]:
         "crossings": _crossings(solution, times, trace),
         "low": low.tolist(),
         "high": high.tolist(),
-        "axes": [name.replace("$", "") for name in drawing.axis_names(solution.problem, len(low))],
+        "axes": [
+            name.replace("$", "") for name in drawing.axis_names(system, len(low), solution.problem.units)
+        ],
     }
 
 

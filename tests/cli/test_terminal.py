@@ -24,7 +24,8 @@ import pytest
 
 from nhpocp import planning
 from nhpocp.cli.entry import cli
-from nhpocp.cli.progress import Panel, duration, progress, sparkline
+from nhpocp.cli.progress import TerminalPanel as Panel
+from nhpocp.cli.progress import progress
 from nhpocp.cli.summary import comparison_lines, next_commands, report, task
 from nhpocp.cli.terminal import put
 from nhpocp.comparison import Comparison, Entry, compare
@@ -33,6 +34,7 @@ from nhpocp.outcome import Outcome
 from nhpocp.problem_file import load_problem, read
 from nhpocp.solution_folder import load_solution
 from nhpocp.solvers.nlp.fatrop import Fatrop
+from nhpocp.views.progress import duration, sparkline
 
 PAPER = Path(__file__).parents[2] / "problems" / "paper.yaml"
 UNICYCLE = Path(__file__).parents[2] / "problems" / "unicycle.yaml"
