@@ -315,6 +315,17 @@ class PlanningProblem(ByValue, Frozen, Shown):
         return natural_scales(self.system, poses, boxes, durations, self.error_length, self.length_scale)
 
     @property
+    def bounds_on_rates(self) -> list[Bound]:
+        """Those that the same path keeps where it is run more slowly: on inputs, and on outputs that are rates.
+
+        With a drift a motion cannot be run at another pace.
+        """
+        system = self.system
+        outputs = [block for kind, block in self.quantities if block.rate]
+        rates = {*system.input_space.names, *(block.name for block in outputs)}
+        return [bound for bound in self.bounds if system.driftless and bound.quantity in rates]
+
+    @property
     def goal_is_a_pose(self) -> bool:
         """Whether the goal fixes the whole state; else many states may meet it."""
         return set(self.goal) == set(self.system.state_space.names)

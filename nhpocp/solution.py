@@ -208,6 +208,7 @@ class Progress(Protocol):
 
     ``tolerance``; ``phase``, what the solver is at, in words; ``at_most``: calls until a limit ends this search;
     ``expected``: those until the goal, where theory foretells them, else None; ``way``: which of several tries this is;
+    ``cost`` and ``worst_bound`` (words), once the goal is reached and more is asked for, of the control before;
     ``stage``: what is done besides solving (then k and error are None). `compare` adds ``name``, ``variant``, ``run``
     and ``runs``. Entries that take work, such as ``sigma_jacobian``, are worked out when they are looked at.
     """

@@ -189,7 +189,10 @@ def _control(system: System, given: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _constraints(system: System, start: Mapping[str, Any]) -> Iterator[str]:
-    yield _line("constraints:", "what the whole path must respect; examples, no defaults")
+    words = (
+        "what the whole path must respect, within 1e-3 of each limit; {max: 3} or [null, 3] bounds one side"
+    )
+    yield _line("constraints:", words)
     for key, kind in KINDS.items():
         if (value := kind.shown(system, start)) is not None:
             yield _option(key, value, kind.meaning, "  ")

@@ -18,7 +18,14 @@ LONG = 2.0  # seconds, after which it is said how much may be left
 KEPT = 0.25  # of what was foretold: how far it may be off and still be believed
 # what a record may hold, and how it is called here, most important first
 FIGURES = {
-    "jacobian": {"gamma": "γ", "step": "step", "sigma_jacobian": "σ_min(J)", "rank": "rank"},
+    "jacobian": {
+        "cost": "cost",
+        "worst_bound": "bounds:",
+        "gamma": "γ",
+        "step": "step",
+        "sigma_jacobian": "σ_min(J)",
+        "rank": "rank",
+    },
     "nlp": {"objective": "objective", "dual_infeasibility": "dual", "barrier": "μ", "step": "step"},
 }
 
@@ -125,7 +132,11 @@ class Panel:
 def _figures(record: Mapping[str, Any]) -> list[str]:
     names = FIGURES["nlp" if "objective" in record else "jacobian"]
     figures = {word: record.get(name) for name, word in names.items()}
-    return [f"{word} {value:.4g}" for word, value in figures.items() if value is not None]
+    return [
+        f"{word} {value if isinstance(value, str) else format(value, '.4g')}"
+        for word, value in figures.items()
+        if value is not None
+    ]
 
 
 def _fitting(parts: Sequence[str], width: int, gap: str = "  ") -> str:

@@ -100,6 +100,24 @@ def test_ctrl_c_ends_the_progress_and_keeps_what_was_found(tmp_path):
     assert load_solution(tmp_path / "out").outcome is Outcome.INTERRUPTED
 
 
+def test_the_second_phase_shows_its_cost_and_the_worst_bound_and_a_stop_draws_nothing(tmp_path):
+    wanted = [
+        "constraints.leg_length=[20,50]",
+        "constraints.leg_speed=31",
+        "solvers.jacobian.objective=effort",
+    ]
+    overrides = [word for one in [*wanted, "solvers.jacobian.step_rule=auto"] for word in ("--set", one)]
+    arguments = ["solve", PAPER, *overrides, "-o", "out"]
+    status, sent = in_a_terminal(arguments, tmp_path, 90, "bounds: leg_speed", NO_COLOR="1")
+    said = plain(sent)
+    assert status == 1
+    assert re.search(r"to the least effort", said)
+    assert re.search(r"cost \d\.\d+  bounds: leg_speed by [\d.]+ of its limit", said)
+    assert said.strip().splitlines()[-1].strip() == "no pictures were drawn; `nhpocp plot out` draws them"
+    assert not list((tmp_path / "out").glob("*.png"))
+    assert load_solution(tmp_path / "out").outcome is Outcome.INTERRUPTED
+
+
 @pytest.mark.parametrize("columns", [60, 100])
 def test_a_comparison_ends_with_a_table_files_and_commands(columns, solved, capsys, monkeypatch):
     failed = replace(solved, outcome=Outcome.ITERATION_LIMIT, verdict=replace(solved.verdict, ok=False))
