@@ -106,6 +106,7 @@ if TYPE_CHECKING:
     from nhpocp.systems.three_upu import ThreeUPU as ThreeUPU
     from nhpocp.systems.unicycle import Unicycle as Unicycle
     from nhpocp.systems.veselova_joint import VeselovaJoint as VeselovaJoint
+    from nhpocp.units import Units as Units
     from nhpocp.via import Via as Via
 
 __version__ = "0.1.0"
@@ -186,6 +187,7 @@ _HOMES = {
     "TooLargeError": "errors",
     "Transpose": "solvers.continuation.generalized_inverses",
     "Unicycle": "systems.unicycle",
+    "Units": "units",
     "UnknownNameError": "errors",
     "UnreadableSolutionError": "errors",
     "VariationalEndPointMap": "flow.end_point_map",

@@ -50,6 +50,7 @@ def starter(model: str = "three_upu", schema: str = "nhpocp.schema.json") -> str
         _line("nhpocp: 1", "version of this format"),
         *_options(ProblemData, ["name"]),
         *_system(cls, model),
+        _option("units", {"length": "m", "time": "s"}, ProblemData.model_fields["units"].description or ""),
         *_ends(cls, system, task),
         _line("horizon: 1", "the duration T, or {min: 0.5, max: 3, initial: 1} where the NLP may choose"),
         *_control(system, task.get("control", {})),
