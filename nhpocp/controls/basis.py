@@ -21,10 +21,12 @@ class ControlBasis(ABC):
 
     With λ the rows of Λ one after another, u(t) = P(t) λ and P(t) = I ⊗ φ(t)ᵀ, [Paper] section 4. A frozen dataclass
     whose fields are `declared`: what a file may set. ``meaning``: what the functions are, for the file's schema.
+    ``nested``: whether the functions of a smaller basis are the first of a larger one's.
     """
 
     kind: ClassVar[str]
     meaning: ClassVar[str] = ""
+    nested: ClassVar[bool] = False
 
     def __hash__(self) -> int:
         return id(self)  # what is made for one is kept beside it; frozen dataclasses do better

@@ -20,6 +20,7 @@ class Chebyshev(ControlBasis):
     degree: int = declared.degree(4, "degree + 1 functions per input")
     kind: ClassVar[str] = "chebyshev"
     meaning: ClassVar[str] = "Chebyshev polynomials"
+    nested: ClassVar[bool] = True
 
     @property
     def size(self) -> int:

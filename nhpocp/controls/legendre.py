@@ -20,6 +20,7 @@ class Legendre(ControlBasis):
     degree: int = declared.degree(4, "degree + 1 functions per input")
     kind: ClassVar[str] = "legendre"
     meaning: ClassVar[str] = "Legendre polynomials"
+    nested: ClassVar[bool] = True
 
     @property
     def size(self) -> int:

@@ -151,8 +151,9 @@ def parse_problem(text: str, file: str | None = None, overrides: Sequence[str] =
 
 def _read(text: str, file: str | None, path: FilePath | None, overrides: Sequence[str]) -> ProblemFile:
     overridden: list[str] = []
+    fitted: list[InvalidProblemError] = []
     if overrides:
-        document, overridden = apply(text, overrides, file)
+        document, overridden, fitted = apply(text, overrides, file)
     else:
         document = documents.parse(text, file)
     if not isinstance(document.data, dict):
@@ -168,7 +169,8 @@ def _read(text: str, file: str | None, path: FilePath | None, overrides: Sequenc
         problem = _assembled(data, system)
     except InvalidProblemError as error:
         raise place.error([error, *error.others]) from None
-    return ProblemFile(data, shown, path, problem, list(_doubts(data, problem, document.data)), place)
+    doubts = [*fitted, *_doubts(data, problem, document.data)]
+    return ProblemFile(data, shown, path, problem, doubts, place)
 
 
 def _named(text: str, name: str, null: bool) -> str:
@@ -271,6 +273,10 @@ def _doubts(
     if words := coarse(problem.scales, poses, data.error_length, data.solvers.jacobian.tolerance):
         yield InvalidProblemError(words, path="error_length", at_key=True)
     yield from probable_degrees(raw, problem.system)
+    jacobian = data.solvers.jacobian
+    if jacobian.step_rule == "auto" and jacobian.gamma != type(jacobian).model_fields["gamma"].default:
+        words = f"{jacobian.gamma:g} does nothing, for step_rule is auto; with euler it is the γ of (17)"
+        yield InvalidProblemError(words, path="solvers.jacobian.gamma", at_key=True)
     if data.objective == "time" and not problem.horizon.free:
         words = "time is fixed by horizon; write horizon: {min: …, max: …} to free it"
         yield InvalidProblemError(words, path="objective", at_key=True)

@@ -25,12 +25,10 @@ KERNELS: Family[type[Any]] = Family(
 class SolverSettings(ABC):
     """A frozen dataclass of `declared` fields; its module imports nothing heavy, for `check` reads it.
 
-    meaning: what the solver is, in a few words. shown: values that `nhpocp init` writes in the place of a default, with
-    the words beside them.
+    meaning: what the solver is, in a few words.
     """
 
     meaning: ClassVar[str]
-    shown: ClassVar[Mapping[str, tuple[str, str]]] = {}
 
     @abstractmethod
     def solver(self, kernels: Kernels | None, others: Mapping[str, Solver]) -> Solver:

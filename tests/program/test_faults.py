@@ -6,7 +6,11 @@ import pytest
 
 from nhpocp import whole
 
-faults = pytest.importorskip("tests.faults", reason="processes and limits of POSIX") if os.name == "posix" else None
+faults = (
+    pytest.importorskip("tests.faults", reason="processes and limits of POSIX")
+    if os.name == "posix"
+    else None
+)
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="processes and limits of POSIX")
 
 

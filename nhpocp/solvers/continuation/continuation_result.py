@@ -16,6 +16,18 @@ from nhpocp.outcome import Outcome
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Method, Solution
 
+# endings of one way to the goal that say little of other ways
+MISSED = (
+    Outcome.ITERATION_LIMIT,
+    Outcome.STAGNATED,
+    Outcome.DIVERGED,
+    Outcome.RANK_DEFICIENT,
+    Outcome.SINGULAR_S,
+    Outcome.SINGULAR_W,
+    Outcome.ORIENTATION_AT_PI,
+    Outcome.NOT_FINITE,
+)
+
 
 @dataclass(frozen=True)
 class ContinuationResult:
@@ -39,8 +51,10 @@ class ContinuationResult:
     def solution(self, solver: Method, problem: PlanningProblem) -> Solution:
         """With the motion that the control makes."""
         motion = simulate(problem, self.control)
-        advice = "" if self.outcome is Outcome.CONVERGED else f" {self.outcome.advice}"
         settings = solver.settings()
+        advice = "" if self.outcome is Outcome.CONVERGED else f" {self.outcome.advice}"
+        if self.outcome in MISSED and settings["step_rule"] != "auto":
+            advice += " Or write `step_rule: auto`, which goes other ways by itself."
         return Solution(
             problem=problem,
             solver=solver.name,
