@@ -371,7 +371,7 @@ def test_an_override_of_the_bases_size_takes_the_initial_control_along(basis, si
         assert [doubt.path for doubt in file.doubts] == ([] if value == 2 else ["control.initial"])
     assert read_text(text, overrides=[f"control.{key}=3", "control.initial=auto"]).warnings == []
     for bad in (text.replace(f"{key}: 2", f"{key}: 3"), text.replace("0.5, ", "", 1)):
-        with pytest.raises(InvalidProblemError, match="control[.]initial"):
+        with pytest.raises(InvalidProblemError, match=r"control\.initial"):
             read_text(bad, overrides=[f"control.{key}=4"])
 
 

@@ -33,6 +33,10 @@ EVALUATIONS = 25  # per try: starts that lead to the goal need 5 to 20
 HALVINGS = 6  # of a part of the geodesic
 STEPS_PER_PIECE = 0.4  # of the steps of a whole plan, for the shortest manoeuvre of a sequence
 BUDGET = 3000  # evaluations, after which no new try begins
+STARTS = 32  # at most, that are compared by what they cost in the end
+WIDTHS = (1.0, 0.5, 2.0)  # of the seeded among them, in turn
+AGREEING = 4  # starts that lead to the least cost so far: others are hardly worth the work
+ALIKE = 1e-3  # relative, of two costs
 
 
 @dataclass(frozen=True)
@@ -43,8 +47,11 @@ class Auto:
     3. Manoeuvres: the geodesic from start to goal in pieces, each planned from small seeded controls, joined into one
     control of basis `sequence`. (7) is driftless and, where S is regular and the growth vector is (3, 6), locally
     controllable, so every path clear of the singularities can be followed so; systems with drift go without. 4. The
-    goal walked along the geodesic from the pose that the best of the starts reaches.
-    Only the winner enters the search for least cost (`Continuation.objective`).
+    goal walked along the geodesic from the pose that the best of the starts reaches. 5. That start again, beyond the
+    few evaluations that every try has been given until then.
+
+    The search for least cost (`Continuation.objective`) ends in the valley where it begins, and few of them are deep:
+    it follows on the first way that reaches the goal, and again from seeded starts until four agree on the least.
     """
 
     continuation: Continuation = field(default_factory=lambda: Continuation(step_rule=Adaptive()))
@@ -91,14 +98,53 @@ class _Search:
         last = ended[-1]
         best = last if last.outcome is Outcome.CONVERGED else min(ended, key=_nearness)
         outcome, message = self._ending(best, stopped or last.outcome is Outcome.INTERRUPTED)
+        best = replace(best, outcome=outcome, message=message)
+        if outcome is Outcome.CONVERGED and "objective_value" in best.details:
+            best = self._cheapest(best)
         return replace(
             best,
-            outcome=outcome,
-            message=message,
             records=self.records,
             details={**best.details, "tried": self.tried},
             solve_seconds=perf_counter() - began - best.build_seconds,
         )
+
+    def _cheapest(self, first: ContinuationResult) -> ContinuationResult:
+        """Of the plan that is at hand, and those to which the null space leads from seeded starts."""
+        plans, allowed = [self._numbered(first)], len(self.records) + BUDGET
+        for start in range(1, STARTS):
+            least = min(plans, key=_cost)
+            if len(self.records) > allowed or sum(_alike(plan, least) for plan in plans) == AGREEING:
+                break
+            self.way = f"start {start + 1} of {STARTS} for less {self.base.objective}"
+            try:
+                plan = self._plan_from(start)
+            except KeyboardInterrupt:
+                return replace(
+                    least, outcome=Outcome.INTERRUPTED, message=f"{STOPPED}; best so far: {least.message}"
+                )
+            self._note(self.way, plan.outcome.value, plan.error)
+            if plan.outcome is Outcome.CONVERGED and "objective_value" in plan.details:
+                plans.append(self._numbered(plan))
+        least = min(plans, key=_cost)
+        self.records.sort(key=lambda record: record["attempt"] == least.details["attempt"])  # last, as ever
+        costs = sorted(map(_cost, plans))
+        message = f"{least.message}; the least of {len(plans)} plans" if len(plans) > 1 else least.message
+        return replace(least, message=message, details={**least.details, "costs_of_starts": costs})
+
+    def _numbered(self, plan: ContinuationResult) -> ContinuationResult:
+        """The plan of the last try, with its number."""
+        return replace(plan, details={**plan.details, "attempt": len(self.tried) - 1})
+
+    def _plan_from(self, start: int) -> ContinuationResult:
+        """What a seeded start leads to, the search for least cost included. Errors: Ctrl-C's."""
+        random = np.random.default_rng([self.base.seed, start])
+        initial = drawn(self.problem, random, WIDTHS[start % len(WIDTHS)])
+        plan = self._try(replace(self.problem, initial=initial), start)
+        if plan.outcome is Outcome.CONVERGED:
+            plan = self._finished(plan, self.base)
+        if plan.outcome is Outcome.INTERRUPTED:
+            raise KeyboardInterrupt
+        return plan
 
     def _ending(self, best: ContinuationResult, stopped: bool) -> Ending:
         """Of all tries, which end with the best."""
@@ -134,9 +180,17 @@ class _Search:
         joined = self._manoeuvres() if problem.system.driftless else None
         if joined is not None:
             yield f"{len(joined.control.basis.bases)} manoeuvres in sequence", joined  # type: ignore[attr-defined]
-        walked = self._walk(min(starts, key=lambda result: result.rank))
+        nearest = min(starts, key=lambda result: result.rank)
+        walked = self._walk(nearest)
         if walked is not None:
             yield "walking the goal", walked
+        if nearest.outcome is Outcome.ITERATION_LIMIT and self.base.max_iterations > EVALUATIONS:
+            self.way = "the nearest start, to the end"
+            solver = replace(self.base, objective="none")
+            longer = self._solve(
+                solver, begun_from(replace(problem, bounds=()), nearest.control), nearest.updates
+            )
+            yield self.way, self._finished(longer, self.base)
 
     def _solve(self, solver: Continuation, problem: PlanningProblem, updates: int = 0) -> ContinuationResult:
         """A confirmed solve, its records among the search's."""
@@ -284,3 +338,12 @@ class _Search:
 def _nearness(result: ContinuationResult) -> tuple[bool, float]:
     """For the least: what only breaks a bound comes first, then the smallest error."""
     return result.outcome is not Outcome.CONSTRAINT_VIOLATED, result.rank
+
+
+def _cost(plan: ContinuationResult) -> float:
+    """What a plan costs by the objective that was searched for less."""
+    return float(plan.details["objective_value"])
+
+
+def _alike(one: ContinuationResult, other: ContinuationResult) -> bool:
+    return abs(_cost(one) - _cost(other)) <= ALIKE * abs(_cost(other))

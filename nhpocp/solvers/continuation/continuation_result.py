@@ -28,6 +28,8 @@ MISSED = (
     Outcome.NOT_FINITE,
 )
 
+DEARER = 1.1  # times the least cost: what a second start leads to, and leaves a doubt of the first
+
 
 @dataclass(frozen=True)
 class ContinuationResult:
@@ -70,7 +72,7 @@ class ContinuationResult:
             evaluations=len(self.records),
             objective=settings["objective"],
             details=self.details,
-            warnings=_of_steps(settings, problem.basis),
+            warnings=[*_of_steps(settings, problem.basis), *_of_the_cost(settings, self.details)],
             timing={"build_s": self.build_seconds, "solve_s": self.solve_seconds},
         )
 
@@ -84,3 +86,20 @@ def _of_steps(settings: dict[str, Any], basis: ControlBasis) -> list[str]:
     return [
         f"{given} steps cannot resolve a control over {basis.size} functions of {basis.kind}: {taken} were taken"
     ]
+
+
+def _of_the_cost(settings: dict[str, Any], details: dict[str, Any]) -> list[str]:
+    """What is known of a plan that may cost much more than another, and what to try."""
+    if "objective_value" not in details:
+        return []
+    costs = details.get("costs_of_starts", [])
+    other = "another `seed`" if settings["step_rule"] == "auto" else "`step_rule: auto`"
+    words = []
+    if not details["stationary"]:
+        words.append("the search for less ended where it still falls")
+    if len(costs) > 1 and costs[1] > DEARER * costs[0]:
+        words.append(
+            f"of {len(costs)} plans the next costs {costs[1]:.4g}, and another start may lead to less"
+        )
+    cost = f"{settings['objective']} {details['objective_value']:.6g} may be far from the least"
+    return [f"{cost}: {word}; try {other}, more harmonics or the nlp solver" for word in words]

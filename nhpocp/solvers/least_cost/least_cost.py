@@ -242,7 +242,9 @@ class LeastCost:
             cost = simulate(self.problem, control).costs[self.objective]  # not what is smooth in its place
             details["objective_value"] = cost
             nothing = cost <= NOTHING * self._scale  # and none costs less
-            words = "at" if nothing or (ended and ended.converged and not end) else "not at"
+            stationary = bool(nothing or (ended and ended.converged and not end))
+            details["stationary"] = stationary
+            words = "at" if stationary else "not at"
             parts.append(f"{self.objective} {cost:.6g} {words} a stationary point")
         if ended:
             details["optimality"] = {"stationarity": ended.stationarity, "feasibility": ended.infeasibility}
