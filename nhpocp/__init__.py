@@ -5,111 +5,207 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from nhpocp.analysis import Analysis as Analysis
-    from nhpocp.analysis import analyze as analyze
+    from nhpocp.api import analyze as analyze
+    from nhpocp.api import compare as compare
+    from nhpocp.api import load_problem as load_problem
+    from nhpocp.api import load_solution as load_solution
+    from nhpocp.api import plan_many as plan_many
+    from nhpocp.api import save_solution as save_solution
+    from nhpocp.api import simulate as simulate
+    from nhpocp.api import solve as solve
+    from nhpocp.api import verify as verify
+    from nhpocp.api import write_animation as write_animation
+    from nhpocp.api import write_report as write_report
     from nhpocp.arrays import namespace as namespace
     from nhpocp.batch import Plan as Plan
-    from nhpocp.batch import plan_many as plan_many
     from nhpocp.comparison import Comparison as Comparison
+    from nhpocp.comparison import Entry as Entry
     from nhpocp.comparison import Run as Run
-    from nhpocp.comparison import compare as compare
+    from nhpocp.constraints.bound import Bound as Bound
+    from nhpocp.controls.basis import ControlBasis as ControlBasis
     from nhpocp.controls.bspline import BSpline as BSpline
+    from nhpocp.controls.chebyshev import Chebyshev as Chebyshev
     from nhpocp.controls.control import Control as Control
     from nhpocp.controls.fourier import Fourier as Fourier
     from nhpocp.controls.legendre import Legendre as Legendre
     from nhpocp.controls.piecewise_constant import PiecewiseConstant as PiecewiseConstant
+    from nhpocp.controls.sequence import SequenceBasis as SequenceBasis
     from nhpocp.errors import FrozenError as FrozenError
     from nhpocp.errors import InvalidProblemError as InvalidProblemError
+    from nhpocp.errors import MissingDependencyError as MissingDependencyError
     from nhpocp.errors import NhpocpError as NhpocpError
+    from nhpocp.errors import NhpocpWarning as NhpocpWarning
+    from nhpocp.errors import OrientationAtPiError as OrientationAtPiError
+    from nhpocp.errors import TooLargeError as TooLargeError
+    from nhpocp.errors import UnknownNameError as UnknownNameError
+    from nhpocp.errors import UnreadableSolutionError as UnreadableSolutionError
+    from nhpocp.flow.compiled.kernels import Compiled as Compiled
+    from nhpocp.flow.compiled.kernels import CompiledWhenReady as CompiledWhenReady
+    from nhpocp.flow.compiled.kernels import Interpreted as Interpreted
+    from nhpocp.flow.end_point_map import DifferentiatedEndPointMap as DifferentiatedEndPointMap
+    from nhpocp.flow.end_point_map import VariationalEndPointMap as VariationalEndPointMap
     from nhpocp.flow.integrators import CasadiRungeKutta as CasadiRungeKutta
     from nhpocp.flow.integrators import Cvodes as Cvodes
     from nhpocp.flow.integrators import RungeKutta4 as RungeKutta4
+    from nhpocp.flow.simulation import Motion as Motion
     from nhpocp.frozen import replace as replace
     from nhpocp.outcome import Outcome as Outcome
-    from nhpocp.planning import solve as solve
     from nhpocp.problem import Horizon as Horizon
     from nhpocp.problem import PlanningProblem as PlanningProblem
-    from nhpocp.problem_file import load_problem as load_problem
+    from nhpocp.problem import Via as Via
+    from nhpocp.problem_file import dump_problem as dump_problem
     from nhpocp.solution import Solution as Solution
+    from nhpocp.solution import Solver as Solver
     from nhpocp.solution import Verdict as Verdict
-    from nhpocp.solution_folder import load_solution as load_solution
-    from nhpocp.solution_folder import save_solution as save_solution
+    from nhpocp.solvers.continuation.auto import Auto as Auto
     from nhpocp.solvers.continuation.continuation import Continuation as Continuation
+    from nhpocp.solvers.continuation.generalized_inverses import Damped as Damped
+    from nhpocp.solvers.continuation.generalized_inverses import GeneralizedInverse as GeneralizedInverse
+    from nhpocp.solvers.continuation.generalized_inverses import Lagrangian as Lagrangian
     from nhpocp.solvers.continuation.generalized_inverses import MoorePenrose as MoorePenrose
+    from nhpocp.solvers.continuation.generalized_inverses import Transpose as Transpose
+    from nhpocp.solvers.continuation.multi_start import MultiStart as MultiStart
     from nhpocp.solvers.continuation.step_rules import Adaptive as Adaptive
     from nhpocp.solvers.continuation.step_rules import Euler as Euler
     from nhpocp.solvers.continuation.step_rules import Ode as Ode
+    from nhpocp.solvers.continuation.step_rules import StepRule as StepRule
+    from nhpocp.solvers.continuation.step_rules import full_step as full_step
+    from nhpocp.solvers.least_squares import LeastSquares as LeastSquares
+    from nhpocp.solvers.least_squares import LeastSquaresSettings as LeastSquaresSettings
     from nhpocp.solvers.metrics import CoefficientMetric as CoefficientMetric
     from nhpocp.solvers.metrics import L2Metric as L2Metric
+    from nhpocp.solvers.nlp.fatrop import Fatrop as Fatrop
+    from nhpocp.solvers.nlp.guesses import ProblemGuess as ProblemGuess
+    from nhpocp.solvers.nlp.guesses import SolverGuess as SolverGuess
+    from nhpocp.solvers.nlp.guesses import StraightGuess as StraightGuess
+    from nhpocp.solvers.nlp.ipopt import Ipopt as Ipopt
     from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting as MultipleShooting
+    from nhpocp.solvers.nlp.single_shooting import SingleShooting as SingleShooting
+    from nhpocp.solvers.nlp.staged_transcription import StagedTranscription as StagedTranscription
+    from nhpocp.state_space import Block as Block
     from nhpocp.state_space import StateSpace as StateSpace
+    from nhpocp.state_space import deg as deg
     from nhpocp.state_space import direction as direction
+    from nhpocp.state_space import matrix as matrix
     from nhpocp.state_space import rotation as rotation
     from nhpocp.state_space import scalar as scalar
     from nhpocp.state_space import vector as vector
+    from nhpocp.systems.free_nilpotent_36 import FreeNilpotent36 as FreeNilpotent36
+    from nhpocp.systems.heisenberg import Heisenberg as Heisenberg
     from nhpocp.systems.legs import Leg as Leg
     from nhpocp.systems.mobility import mobility as mobility
+    from nhpocp.systems.orienting_platform import OrientingPlatform as OrientingPlatform
     from nhpocp.systems.parallel_robot import ParallelRobot as ParallelRobot
+    from nhpocp.systems.rolling_sphere import RollingSphere as RollingSphere
+    from nhpocp.systems.suslov_joint import SuslovJoint as SuslovJoint
     from nhpocp.systems.system import Parameter as Parameter
     from nhpocp.systems.system import System as System
     from nhpocp.systems.three_upu import ThreeUPU as ThreeUPU
-    from nhpocp.verification import verify as verify
-    from nhpocp.views.animation import write_animation as write_animation
-    from nhpocp.views.report import write_report as write_report
+    from nhpocp.systems.unicycle import Unicycle as Unicycle
+    from nhpocp.systems.veselova_joint import VeselovaJoint as VeselovaJoint
 
 __version__ = "0.1.0"
 
 _HOMES = {
     "Adaptive": "solvers.continuation.step_rules",
-    "BSpline": "controls.bspline",
     "Analysis": "analysis",
+    "Auto": "solvers.continuation.auto",
+    "BSpline": "controls.bspline",
+    "Block": "state_space",
+    "Bound": "constraints.bound",
     "CasadiRungeKutta": "flow.integrators",
+    "Chebyshev": "controls.chebyshev",
     "CoefficientMetric": "solvers.metrics",
     "Comparison": "comparison",
+    "Compiled": "flow.compiled.kernels",
+    "CompiledWhenReady": "flow.compiled.kernels",
     "Continuation": "solvers.continuation.continuation",
     "Control": "controls.control",
+    "ControlBasis": "controls.basis",
     "Cvodes": "flow.integrators",
+    "Damped": "solvers.continuation.generalized_inverses",
+    "DifferentiatedEndPointMap": "flow.end_point_map",
+    "Entry": "comparison",
     "Euler": "solvers.continuation.step_rules",
+    "Fatrop": "solvers.nlp.fatrop",
     "Fourier": "controls.fourier",
+    "FreeNilpotent36": "systems.free_nilpotent_36",
     "FrozenError": "errors",
+    "GeneralizedInverse": "solvers.continuation.generalized_inverses",
+    "Heisenberg": "systems.heisenberg",
     "Horizon": "problem",
+    "Interpreted": "flow.compiled.kernels",
     "InvalidProblemError": "errors",
+    "Ipopt": "solvers.nlp.ipopt",
     "L2Metric": "solvers.metrics",
+    "Lagrangian": "solvers.continuation.generalized_inverses",
+    "LeastSquares": "solvers.least_squares",
+    "LeastSquaresSettings": "solvers.least_squares",
     "Leg": "systems.legs",
     "Legendre": "controls.legendre",
+    "MissingDependencyError": "errors",
     "MoorePenrose": "solvers.continuation.generalized_inverses",
+    "Motion": "flow.simulation",
+    "MultiStart": "solvers.continuation.multi_start",
     "MultipleShooting": "solvers.nlp.multiple_shooting",
     "NhpocpError": "errors",
+    "NhpocpWarning": "errors",
     "Ode": "solvers.continuation.step_rules",
+    "OrientationAtPiError": "errors",
+    "OrientingPlatform": "systems.orienting_platform",
     "Outcome": "outcome",
     "ParallelRobot": "systems.parallel_robot",
     "Parameter": "systems.system",
     "PiecewiseConstant": "controls.piecewise_constant",
     "Plan": "batch",
     "PlanningProblem": "problem",
+    "ProblemGuess": "solvers.nlp.guesses",
+    "RollingSphere": "systems.rolling_sphere",
     "Run": "comparison",
     "RungeKutta4": "flow.integrators",
+    "SequenceBasis": "controls.sequence",
+    "SingleShooting": "solvers.nlp.single_shooting",
     "Solution": "solution",
+    "Solver": "solution",
+    "SolverGuess": "solvers.nlp.guesses",
+    "StagedTranscription": "solvers.nlp.staged_transcription",
     "StateSpace": "state_space",
+    "StepRule": "solvers.continuation.step_rules",
+    "StraightGuess": "solvers.nlp.guesses",
+    "SuslovJoint": "systems.suslov_joint",
     "System": "systems.system",
     "ThreeUPU": "systems.three_upu",
+    "TooLargeError": "errors",
+    "Transpose": "solvers.continuation.generalized_inverses",
+    "Unicycle": "systems.unicycle",
+    "UnknownNameError": "errors",
+    "UnreadableSolutionError": "errors",
+    "VariationalEndPointMap": "flow.end_point_map",
     "Verdict": "solution",
-    "analyze": "analysis",
-    "compare": "comparison",
+    "VeselovaJoint": "systems.veselova_joint",
+    "Via": "problem",
+    "analyze": "api",
+    "compare": "api",
+    "deg": "state_space",
     "direction": "state_space",
-    "load_problem": "problem_file",
-    "load_solution": "solution_folder",
+    "dump_problem": "problem_file",
+    "full_step": "solvers.continuation.step_rules",
+    "load_problem": "api",
+    "load_solution": "api",
+    "matrix": "state_space",
     "mobility": "systems.mobility",
     "namespace": "arrays",
-    "plan_many": "batch",
+    "plan_many": "api",
     "replace": "frozen",
     "rotation": "state_space",
-    "save_solution": "solution_folder",
+    "save_solution": "api",
     "scalar": "state_space",
-    "solve": "planning",
+    "simulate": "api",
+    "solve": "api",
     "vector": "state_space",
-    "verify": "verification",
-    "write_animation": "views.animation",
-    "write_report": "views.report",
+    "verify": "api",
+    "write_animation": "api",
+    "write_report": "api",
 }
 __all__ = ["__version__", *_HOMES]
 
@@ -118,7 +214,11 @@ if not TYPE_CHECKING:  # who checks types reads the list above, in which a missp
 
     def __getattr__(name: str) -> Any:
         if name not in _HOMES:
-            raise AttributeError(f"module 'nhpocp' has no attribute {name!r}")
+            from nhpocp.errors import UnknownNameError, suggestion
+
+            raise UnknownNameError(
+                f"nhpocp has no {name!r}; {suggestion(name, _HOMES, none='see dir(nhpocp)')}"
+            )
         value = getattr(import_module(f"nhpocp.{_HOMES[name]}"), name)
         globals()[name] = value
         return value

@@ -8,23 +8,45 @@ Vectors are (n,) arrays in NumPy and n×1 columns in CasADi; ``A @ x`` means the
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from functools import cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+from nhpocp.errors import UnknownNameError, suggestion
 
 Array = Any  # np.ndarray, or a CasADi SX, MX or DM
 
 
-class NumPyNamespace:
+class _Functions:
+    """What both libraries offer under NumPy's names."""
+
+    pi = math.pi
+
+    if not TYPE_CHECKING:  # who checks types sees what there is
+
+        def __getattr__(self, name: str) -> Any:
+            known = [each for each in [*vars(self), *dir(type(self))] if not each.startswith("_")]
+            near = suggestion(name, known)
+            raise UnknownNameError(f"namespace(…) has no {name!r}, for it has to work on symbols too; {near}")
+
+
+class NumPyNamespace(_Functions):
     """Numbers."""
 
     def __init__(self) -> None:
         import numpy
 
         self._np = numpy
-        self.sin, self.cos, self.sqrt = numpy.sin, numpy.cos, numpy.sqrt
-        self.atan2, self.where, self.solve = numpy.arctan2, numpy.where, numpy.linalg.solve
-        self.eye = numpy.eye
+        self.sin, self.cos, self.tan = numpy.sin, numpy.cos, numpy.tan
+        self.arcsin, self.arccos, self.arctan = numpy.arcsin, numpy.arccos, numpy.arctan
+        self.arctan2 = self.atan2 = numpy.arctan2
+        self.sinh, self.cosh, self.tanh = numpy.sinh, numpy.cosh, numpy.tanh
+        self.arcsinh, self.arccosh, self.arctanh = numpy.arcsinh, numpy.arccosh, numpy.arctanh
+        self.exp, self.log, self.log10, self.sqrt = numpy.exp, numpy.log, numpy.log10, numpy.sqrt
+        self.abs, self.sign, self.floor, self.ceil = numpy.abs, numpy.sign, numpy.floor, numpy.ceil
+        self.minimum, self.maximum, self.hypot = numpy.minimum, numpy.maximum, numpy.hypot
+        self.where, self.solve, self.eye, self.sum = numpy.where, numpy.linalg.solve, numpy.eye, numpy.sum
 
     def array(self, values: Any) -> Array:
         return self._np.asarray(values, dtype=float)
@@ -56,16 +78,23 @@ class NumPyNamespace:
         return self.vector([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 
-class CasadiNamespace:
+class CasadiNamespace(_Functions):
     """Symbols (SX, MX) and CasADi's own numbers (DM)."""
 
     def __init__(self) -> None:
         import casadi
 
         self._ca = casadi
-        self.sin, self.cos, self.sqrt = casadi.sin, casadi.cos, casadi.sqrt
-        self.atan2, self.where, self.solve = casadi.atan2, casadi.if_else, casadi.solve
-        self.eye, self.array, self.dot = casadi.DM.eye, casadi.DM, casadi.dot
+        self.sin, self.cos, self.tan = casadi.sin, casadi.cos, casadi.tan
+        self.arcsin, self.arccos, self.arctan = casadi.arcsin, casadi.arccos, casadi.arctan
+        self.arctan2 = self.atan2 = casadi.arctan2
+        self.sinh, self.cosh, self.tanh = casadi.sinh, casadi.cosh, casadi.tanh
+        self.arcsinh, self.arccosh, self.arctanh = casadi.arcsinh, casadi.arccosh, casadi.arctanh
+        self.exp, self.log, self.log10, self.sqrt = casadi.exp, casadi.log, casadi.log10, casadi.sqrt
+        self.abs, self.sign, self.floor, self.ceil = casadi.fabs, casadi.sign, casadi.floor, casadi.ceil
+        self.minimum, self.maximum, self.hypot = casadi.fmin, casadi.fmax, casadi.hypot
+        self.where, self.solve = casadi.if_else, casadi.solve
+        self.eye, self.array, self.dot, self.sum = casadi.DM.eye, casadi.DM, casadi.dot, casadi.sum1
         self.cross = casadi.cross  # written out, a quarter of a solve would go into making expressions
 
     def vector(self, entries: Sequence[Any]) -> Array:
@@ -103,7 +132,16 @@ def _of_casadi(kind: type) -> bool:
 
 
 def namespace(*operands: Any) -> Namespace:
-    """CasADi if any operand belongs to it, else NumPy."""
+    """The functions that work on these operands: CasADi's if any of them is a symbol, else NumPy's.
+
+    operands: the arrays, numbers or symbols that a formula is made of, any shape. `xp = namespace(state)` has, under
+    NumPy's names, sin, cos, tan, arcsin, arccos, arctan, arctan2, sinh, cosh, tanh and their inverses, exp, log, log10,
+    sqrt, abs, sign, floor, ceil, minimum, maximum, hypot, where, sum, pi (angles in radians); `vector(entries)` (n,),
+    `matrix(rows)` of scalars and `rows(vectors)` (m, n), `concatenate(parts)`, `block(blocks)`, `array(numbers)`,
+    `eye(n)`, `dot(a, b)`, `cross(a, b)`, `solve(A, b)`. A formula written with it gives numbers for numbers and symbols
+    for symbols; `math.cos` and `numpy.cos` know no symbols.
+    Errors: `UnknownNameError` for a function that is none of these.
+    """
     return _casadi() if any(map(_of_casadi, map(type, operands))) else _numpy()
 
 

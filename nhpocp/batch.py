@@ -24,7 +24,11 @@ FEW = 3  # goals: fewer are planned faster one by one
 
 @dataclass(frozen=True)
 class Plan:
-    """What a solver claims of one goal; `nhpocp.solve` with this control as its start verifies it."""
+    """What a solver claims of one goal; `nhpocp.solve` with this control as its start verifies it.
+
+    outcome, message: how it ended, in words. error: E as the solver believes [rad]. control: the last `Control`.
+    evaluations: of the end point.
+    """
 
     outcome: Outcome
     message: str

@@ -15,15 +15,15 @@ from typing import Any
 import numpy as np
 
 from nhpocp import planning
+from nhpocp.constructed import Constructed
 from nhpocp.csv_writer import write_table
-from nhpocp.errors import InvalidProblemError, NhpocpError
+from nhpocp.errors import NhpocpError, expect
 from nhpocp.interruption import STOPPED, Interruption
 from nhpocp.objectives.registry import OBJECTIVES, costs_of_motion, exact_costs
 from nhpocp.outcome import Outcome
 from nhpocp.problem import PlanningProblem
 from nhpocp.provenance import machine, peak_memory, reset_peak_memory
 from nhpocp.solution import Progress, Solution, Solver, telling
-from nhpocp.solvers.registry import SOLVERS
 from nhpocp.solvers.unsolved import unsolved
 
 SCHEMA_VERSION = 1
@@ -33,17 +33,29 @@ FAILURES = (NhpocpError, RuntimeError, ArithmeticError, np.linalg.LinAlgError, M
 
 
 @dataclass(frozen=True)
-class Run:
-    """A solve to be done; ``variant`` is how the pair is called, `nlp:control=basis` say."""
+class Run(Constructed):
+    """A solve to be done, as `compare` takes it.
+
+    problem: a `PlanningProblem`. solver: such as `Auto()`. variant: how the pair is called, "nlp:control=basis" say.
+    Errors: `CallError` for what is none of these.
+    """
 
     problem: PlanningProblem
     solver: Solver
     variant: str
 
+    def __post_init__(self) -> None:
+        expect(self.problem, PlanningProblem, "a PlanningProblem", "Run.problem")
+        expect(self.variant, str, "a text", "Run.variant")
+        planning.chosen_solver(self.problem, self.solver)
+
 
 @dataclass(frozen=True)
 class Entry:
-    """A run that is done, and where its solution is stored."""
+    """A run that is done, and where its solution is stored.
+
+    solution: the verified `Solution`. variant: how the run is called. folder: its name, None where it is not stored.
+    """
 
     solution: Solution
     variant: str
@@ -118,7 +130,10 @@ class Group:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Runs that are done; ``notes``: what a reader has to know of the whole, such as runs that never began."""
+    """Runs that are done, as `compare` returns them.
+
+    entries: a run each, in order. notes: what a reader has to know of the whole, such as runs that never began.
+    """
 
     entries: Sequence[Entry]
     notes: Sequence[str] = ()
@@ -184,7 +199,11 @@ def compare(
     runs = [
         run
         for item in problems
-        for run in ([item] if isinstance(item, Run) else [_own(item, name) for name in variants])
+        for run in (
+            [item]
+            if isinstance(item, Run)
+            else [Run(item, planning.own_solver(item, name), name) for name in variants]
+        )
     ]
     entries: list[Entry] = []
     notes: list[str] = []
@@ -205,16 +224,8 @@ def compare(
     return Comparison(entries, notes)
 
 
-def _own(problem: PlanningProblem, name: str) -> Run:
-    """A problem with its own solver of that name, or the method's defaults."""
-    if name in problem.solvers:
-        return Run(problem, problem.solvers[name], name)
-    if name not in SOLVERS:
-        known = " or ".join(SOLVERS)
-        raise InvalidProblemError(
-            f"unknown variant {name!r}; expected {known}, or a `Run` with a solver of its own"
-        )
-    return Run(problem, SOLVERS[name]().solver(None, {}), name)
+def _by_variant(problem: PlanningProblem, variants: Sequence[str]) -> list[Run]:
+    return [Run(problem, planning.own_solver(problem, name), name) for name in variants]
 
 
 def _solved(run: Run, progress: Progress | None) -> Solution:

@@ -7,7 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, fields
+from math import isfinite
+from numbers import Real
 from typing import Any, Literal
+
+from nhpocp.errors import InvalidProblemError, describe, suggestion
 
 LARGEST_COUNT = 100_000  # intervals, steps
 LARGEST_DEGREE = 1000  # harmonics
@@ -24,6 +28,70 @@ class Declared:
     least: int = 0
     most: int | None = None
     choices: tuple[str, ...] = ()
+
+    def checked(self, value: Any, path: str) -> Any:
+        """A value for this field as plain data; any kind of number will do.
+
+        Errors: `InvalidProblemError` at the path, with what came and what was expected.
+        """
+        if self.kind == "choice":
+            if value not in self.choices:
+                came = value if isinstance(value, str) else ""
+                words = f"expected one of {', '.join(self.choices)}, got {describe(value)}"
+                near = suggestion(came, self.choices)
+                raise InvalidProblemError(f"{words}; {near}" if "did you" in near else words, path=path)
+            return value
+        if self.kind == "truth":
+            if value not in (True, False) or isinstance(value, str):
+                raise InvalidProblemError(f"expected True or False, got {describe(value)}", path=path)
+            return bool(value)
+        if self.kind == "auto or whole" and (value is None or value == "auto"):
+            return value
+        if self.kind == "positive":
+            number = real(value, path, "a number > 0")
+            if number <= 0:
+                raise InvalidProblemError(f"{number:g} is not positive; expected a number > 0", path=path)
+            return number
+        least = 1 if self.kind == "auto or whole" else self.least
+        return whole_number(value, path, least, self.most)
+
+
+def real(value: Any, path: str | None, wanted: str = "a number") -> float:
+    """A finite number as Python's own, of whatever library it is.
+
+    Errors: `InvalidProblemError` at the path; a text is told how degrees are written.
+    """
+    if getattr(value, "shape", None) == () and hasattr(value, "item"):
+        value = value.item()
+    if isinstance(value, bool) or not isinstance(value, Real):
+        raise InvalidProblemError(f"expected {wanted}, got {describe(value)}{degrees_hint(value)}", path=path)
+    try:
+        number = float(value)
+    except OverflowError:
+        number = float("inf")
+    if not isfinite(number):
+        came = "NaN" if number != number else "infinity"
+        raise InvalidProblemError(f"{came}; expected a finite number", path=path)
+    return number
+
+
+def whole_number(value: Any, path: str | None, least: int = 0, most: int | None = None) -> int:
+    """A whole number between limits, as `real`."""
+    span = f"from {least} to {most}" if most is not None else f">= {least}"
+    number = real(value, path, f"a whole number {span}")
+    if number != int(number):
+        raise InvalidProblemError(f"{number:g} is not a whole number; expected one {span}", path=path)
+    if number < least or (most is not None and number > most):
+        words = f"{number:.12g} is out of range; expected a whole number {span}"
+        raise InvalidProblemError(words, path=path)
+    return int(number)
+
+
+def degrees_hint(value: Any) -> str:
+    """How angles are written in Python, where a text says degrees."""
+    texts = [value] if isinstance(value, str) else value if isinstance(value, list | tuple) else []
+    written = any(isinstance(text, str) and ("deg" in text or "°" in text) for text in texts)
+    return "; in Python write 30 deg as 30 * nhpocp.deg" if written else ""
 
 
 def declared(kind: Kind, default: Any, meaning: str, **limits: Any) -> Any:
@@ -59,3 +127,12 @@ def choice(default: str, names: Iterable[str], meaning: str) -> Any:
 def declarations(cls: type[Any]) -> dict[str, Declared]:
     """The declared fields of a dataclass, in order."""
     return {f.name: f.metadata["declared"] for f in fields(cls) if "declared" in f.metadata}
+
+
+def check(made: Any) -> None:
+    """Holds the fields of a frozen dataclass against what is declared of them.
+
+    Errors: `InvalidProblemError` at `Class.field`.
+    """
+    for name, one in declarations(type(made)).items():
+        object.__setattr__(made, name, one.checked(getattr(made, name), f"{type(made).__name__}.{name}"))

@@ -6,6 +6,15 @@ from collections.abc import Callable, Iterator, Mapping
 from functools import cached_property
 from typing import Any
 
+from nhpocp.errors import UnknownNameError, suggestion
+
+
+class Named(dict[str, Any]):
+    """A dict that answers a name it does not have with those that it has."""
+
+    def __missing__(self, name: str) -> Any:
+        raise UnknownNameError(f"there is no {name!r} here; {suggestion(str(name), self)}")
+
 
 class Deferred(Mapping[str, Any]):
     """``known`` entries at once, those of ``rest()`` on demand; copied or pickled, a dict of them all."""
@@ -18,8 +27,8 @@ class Deferred(Mapping[str, Any]):
         return self._make()
 
     @cached_property
-    def _whole(self) -> dict[str, Any]:
-        return {**self._known, **self._rest, **self._known}
+    def _whole(self) -> Named:
+        return Named({**self._known, **self._rest, **self._known})
 
     def __getitem__(self, name: str) -> Any:
         return self._known[name] if name in self._known else self._whole[name]
@@ -42,8 +51,8 @@ class Deferred(Mapping[str, Any]):
     def __repr__(self) -> str:
         return f"Deferred({self._known!r}, …)"
 
-    def __reduce__(self) -> tuple[type[dict[str, Any]], tuple[dict[str, Any]]]:
-        return dict, (dict(self),)
+    def __reduce__(self) -> tuple[type[Named], tuple[dict[str, Any]]]:
+        return Named, (dict(self),)
 
 
 def extended(record: Mapping[str, Any], **more: Any) -> Mapping[str, Any]:

@@ -88,6 +88,21 @@ class FrozenError(NhpocpError, AttributeError, TypeError):
     """An attempt to change what is frozen once made."""
 
 
+class UnknownNameError(NhpocpError, AttributeError, KeyError):
+    """A name that is none of those that there are: an entry of a trajectory, a public name, a function."""
+
+    def __str__(self) -> str:
+        return str(self.args[0])  # a KeyError would say its repr
+
+
+class CallError(InvalidProblemError, TypeError):
+    """A constructor or function called with arguments that it does not take."""
+
+
+class NhpocpWarning(UserWarning):
+    """What is legal and hardly meant, as `nhpocp check` says it: `path: what is doubtful; what to write`."""
+
+
 class OrientationAtPiError(NhpocpError, ValueError):
     """The logarithm of a half turn: its axis has two signs, so the error of orientation has no direction."""
 
@@ -108,6 +123,8 @@ def describe(value: Any) -> str:
     """A value in plain words, for error messages."""
     if value is None:
         return "nothing"
+    if isinstance(value, type):
+        return f"the class {value.__name__}"
     if isinstance(value, bool):
         return f"the truth value {str(value).lower()}"
     if isinstance(value, int | float):
@@ -116,13 +133,38 @@ def describe(value: Any) -> str:
         return f"the text {value!r}" if len(value) <= 40 else f"the text {value[:37]!r}…"
     if isinstance(value, list):
         return f"a list of {len(value)}"
+    if isinstance(value, tuple):
+        return f"a tuple of {len(value)}"
+    if type(value).__module__ == "numpy" and hasattr(value, "shape"):
+        return f"an array of shape {value.shape}" if value.shape else describe(value.item())
     return "a mapping" if isinstance(value, dict) else f"a {type(value).__name__}"
 
 
-def suggestion(word: str, known: Iterable[str]) -> str:
-    """The nearest known word as a question, else all of them."""
+def one_line(error: BaseException) -> str:
+    """An exception of foreign code in one line."""
+    lines = str(error).strip().splitlines()
+    return f"{type(error).__name__}: {lines[0]}" if lines else type(error).__name__
+
+
+def expect(value: Any, kinds: type | tuple[type, ...], wanted: str, path: str | None = None) -> None:
+    """Refuses what is no instance of the ``kinds``; ``wanted``: what is expected, in words.
+
+    Errors: `CallError` with what came; a class where its instance is meant is named.
+    """
+    if isinstance(value, kinds):
+        return
+    meant = isinstance(value, type) and issubclass(value, kinds)
+    hint = f"; write {value.__name__}(…)" if meant else ""
+    raise CallError(f"expected {wanted}, got {describe(value)}{hint}", path=path)
+
+
+def suggestion(word: str, known: Iterable[str], none: str = "") -> str:
+    """The nearest known word as a question, else all of them, or what is said where there is ``none`` near."""
     known = list(known)
-    near = difflib.get_close_matches(word.lower(), known, n=1, cutoff=0.6)
+    lower = {each.lower(): each for each in known}
+    near = difflib.get_close_matches(word.lower(), lower, n=1, cutoff=0.6)
     if near:
-        return f"did you mean {near[0]!r}?"
+        return f"did you mean {lower[near[0]]!r}?"
+    if none:
+        return none
     return f"expected one of {', '.join(known)}" if known else "no key is expected here"

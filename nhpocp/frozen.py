@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import sys
-from abc import ABCMeta
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Any, ClassVar, NoReturn, Self, TypeVar
 
-from nhpocp.errors import FrozenError
+from nhpocp.constructed import Constructing
+from nhpocp.errors import CallError, FrozenError, describe
 
 
 class FixedDict(dict[Any, Any]):
@@ -74,7 +74,7 @@ _FIXED: dict[type, Callable[[Any], Any]] = {
 }
 
 
-class _Freezing(ABCMeta):
+class _Freezing(Constructing):
     """Freezes an object when the outermost ``__init__`` has finished, whatever that calls."""
 
     def __call__(cls, *args: Any, **kwargs: Any) -> Any:
@@ -121,11 +121,53 @@ class Frozen(metaclass=_Freezing):
         return dataclasses.replace(self, **changes)  # type: ignore[type-var]
 
 
+class ByValue:
+    """A dataclass with arrays in it that equals its copies: compared, and hashed, by its fields."""
+
+    def __eq__(self, other: object) -> bool:
+        if self is other:
+            return True
+        if type(other) is not type(self):
+            return NotImplemented
+        return self._value == other._value
+
+    def __hash__(self) -> int:
+        return hash(self._value)
+
+    @property
+    def _value(self) -> tuple[Any, ...]:
+        names = [field.name for field in dataclasses.fields(self) if field.compare]  # type: ignore[arg-type]
+        return tuple(as_value(getattr(self, name)) for name in names)
+
+
+def as_value(value: Any) -> Any:
+    """What equals for equal values: tuples for arrays, lists and mappings; it has a hash where its parts have."""
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    if isinstance(value, Mapping):
+        entries = [(str(key), as_value(entry)) for key, entry in value.items()]
+        return "mapping", tuple(sorted(entries, key=lambda pair: pair[0]))
+    if isinstance(value, list | tuple):
+        return tuple(map(as_value, value))
+    if isinstance(value, float) and value != value:
+        return "NaN"
+    if (known := getattr(value, "comparable", None)) is not None:
+        return known
+    return value
+
+
 F = TypeVar("F")
 
 
 def replace(made: F, **changes: Any) -> F:
-    """A new system, problem, control or setting that differs in what is named: replace(system, scale=0.5)."""
+    """A new system, problem, control or setting that differs in what is named: `replace(system, scale=0.5)`.
+
+    made: any object that this package makes, which stays as it is. changes: the new values by the names of the
+    constructor's arguments.
+    Errors: `InvalidProblemError` where the changes do not fit; `CallError` for a name that is no argument.
+    """
     if isinstance(made, Frozen):
         return made.with_(**changes)
-    return dataclasses.replace(made, **changes)  # type: ignore[type-var]
+    if not dataclasses.is_dataclass(made) or isinstance(made, type):
+        raise CallError(f"expected a system, a problem, a control or a setting, got {describe(made)}")
+    return dataclasses.replace(made, **changes)

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from time import perf_counter
+from typing import Any
 
 import numpy as np
 
 from nhpocp.arrays import Array
 from nhpocp.deferred import at_hand
-from nhpocp.errors import InvalidProblemError
+from nhpocp.errors import CallError, InvalidProblemError, describe, suggestion
 from nhpocp.flow.simulation import simulate
 from nhpocp.foreseen import broken_poses, contradiction, endless
 from nhpocp.interruption import STOPPED, Interruption
@@ -20,6 +21,7 @@ from nhpocp.outcome import Outcome
 from nhpocp.problem import PlanningProblem
 from nhpocp.scales import coarse
 from nhpocp.solution import Progress, Solution, Solver
+from nhpocp.solvers.registry import SOLVERS
 from nhpocp.solvers.unsolved import unsolved
 from nhpocp.systems.numeric import numeric_system
 from nhpocp.verification import verify
@@ -28,15 +30,15 @@ ON_THE_SURFACE = 1e-9  # σ_min below which the sign of a determinant is roundin
 
 
 def solve(
-    problem: PlanningProblem, solver: Solver | None = None, progress: Progress | None = None
+    problem: PlanningProblem, solver: Solver | str | None = None, progress: Progress | None = None
 ) -> Solution:
-    """A verified Solution of a problem by ``solver``; by default the problem's own Jacobian method.
+    """A verified Solution of a problem by ``solver``, an object or a name, as `chosen_solver`.
 
     A goal beyond a singular surface, or one that breaks a bound itself, is recognised before the solver starts.
     Errors: `NhpocpError` for a problem that the solver cannot take; everything that happens while solving is an outcome
     of the Solution.
     """
-    solver = solver or default_solver(problem)
+    solver = chosen_solver(problem, solver)
     if words := OBJECTIVES[problem.objective].lacking_control(problem.basis):
         raise InvalidProblemError(words, path="objective")
     with Interruption() as interruption:
@@ -94,6 +96,38 @@ def default_solver(problem: PlanningProblem) -> Solver:
     from nhpocp.solvers.continuation.auto import Auto
 
     return problem.solvers.get("jacobian") or Auto()
+
+
+def chosen_solver(problem: PlanningProblem, solver: Any) -> Solver:
+    """A solver as it stands; of a name the problem's own, else that method's defaults; None: `default_solver`.
+
+    Errors: `InvalidProblemError` for an unknown name, `CallError` for what is no solver.
+    """
+    if solver is None:
+        return default_solver(problem)
+    if isinstance(solver, str):
+        return own_solver(problem, solver)
+    if isinstance(solver, type) or not callable(getattr(solver, "solve", None)):
+        hint = f"; write {solver.__name__}()" if isinstance(solver, type) else ""
+        names = ", ".join(SOLVERS)
+        words = f"expected a solver such as Auto(), or a name ({names}), got {describe(solver)}{hint}"
+        raise CallError(words, path="solver")
+    chosen: Solver = solver
+    return chosen
+
+
+def own_solver(problem: PlanningProblem, name: str) -> Solver:
+    """A problem's own solver of that name, or the method's defaults.
+
+    Errors: `InvalidProblemError` for an unknown one.
+    """
+    if name in problem.solvers:
+        own: Solver = problem.solvers[name]
+        return own
+    if name not in SOLVERS:
+        near = suggestion(name, [*problem.solvers, *SOLVERS])
+        raise InvalidProblemError(f"unknown solver {name!r}; {near}", path="solver")
+    return SOLVERS[name]().solver(None, {})
 
 
 def refused(problem: PlanningProblem, solver: Solver) -> Solution | None:

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from nhpocp.arrays import Array
-from nhpocp.errors import InvalidProblemError
+from nhpocp.errors import InvalidProblemError, describe
 from nhpocp.frozen import FixedDict
 from nhpocp.state_space import Block, StateSpace
 from nhpocp.systems.system import System
@@ -23,6 +23,8 @@ def checked_start(
     """A value for every block of the start, as `_checked_values`."""
     before = len(wrong)
     checked = _checked_values(space.blocks, values, "start", wrong)
+    if not isinstance(values, Mapping):
+        return checked
     if not any(error.at_key for error in wrong[before:]):  # a name misspelt is one that is missing too
         wrong += [
             InvalidProblemError(f"required key is missing; expected {b.written}", path=f"start.{b.name}")
@@ -37,10 +39,12 @@ def checked_goal(
 ) -> Mapping[str, Array]:
     """Values of a goal or via pose, as `_checked_values`: of some `goal_blocks`, no more numbers than the state has."""
     blocks, before = goal_blocks(system), len(wrong)
-    if not values:
+    if isinstance(values, Mapping) and not values:
         known = ", ".join(f"{block.name}: {block.written}" for block in blocks)
         wrong.append(InvalidProblemError(f"empty; expected some of {known}", path=part))
     checked = _checked_values(blocks, values, part, wrong)
+    if not isinstance(values, Mapping):
+        return checked
     count, room = sum(b.dimension for b in blocks if b.name in values), system.state_space.dimension
     if count > room and len(wrong) == before:
         words = f"fixes {count} numbers of a state that has {room}; leave out one of {', '.join(values)}"
@@ -53,6 +57,12 @@ def _checked_values(
 ) -> Mapping[str, Array]:
     """Values by the names of blocks, frozen, as `Block.checked`; what cannot be one is added to ``wrong``."""
     names, checked = [block.name for block in blocks], {}
+    if not isinstance(values, Mapping):
+        shown = ", ".join(f"{block.name!r}: …" for block in blocks)
+        wrong.append(
+            InvalidProblemError(f"expected a mapping {{{shown}}}, got {describe(values)}", path=part)
+        )
+        return FixedDict()
     wrong += [
         InvalidProblemError("unknown key", path=f"{part}.{name}", word=str(name), known=names)
         for name in values

@@ -12,11 +12,14 @@ import numpy as np
 
 from nhpocp.arrays import Array
 from nhpocp.constraints.bound import Bound
+from nhpocp.constraints.registry import bounds_of
+from nhpocp.constructed import Constructed
 from nhpocp.controls.basis import ControlBasis
 from nhpocp.controls.control import Control
 from nhpocp.controls.fourier import Fourier
-from nhpocp.errors import InvalidProblemError, describe, refuse
-from nhpocp.frozen import Frozen, fixed
+from nhpocp.declared import real, whole_number
+from nhpocp.errors import InvalidProblemError, describe, expect, refuse
+from nhpocp.frozen import ByValue, FixedDict, Frozen, as_value, fixed
 from nhpocp.objectives.registry import available
 from nhpocp.poses import checked_goal, checked_start, goal_blocks
 from nhpocp.scales import Scales, natural_scales
@@ -35,8 +38,13 @@ SAME_TIME = 1e-6  # fractions of the horizon that are nearer have no room for a 
 
 
 @dataclass(frozen=True)
-class Horizon:
-    """The duration T: fixed, or free between two values for the solvers that can choose it."""
+class Horizon(Constructed):
+    """The duration T: fixed, or free between two values for the solvers that can choose it.
+
+    initial: T [time], the first guess of a free one, or None. minimum, maximum: the shortest and the longest T [time];
+    one of them makes it free. A problem takes a number too, or a file's {"min": 0.5, "max": 3, "initial": 1}.
+    Errors: `InvalidProblemError` for what is no duration > 0, or outside its limits.
+    """
 
     initial: float | None = 1.0
     minimum: float | None = None
@@ -45,9 +53,12 @@ class Horizon:
     def __post_init__(self) -> None:
         for name in ("initial", "minimum", "maximum"):
             value = getattr(self, name)
-            if value is not None and not (np.isfinite(value) and value > 0):
+            if value is None:
+                continue
+            if real(value, "horizon", "a duration > 0") <= 0:
                 words = f"{value:g} is not a duration; expected a number > 0"
                 raise InvalidProblemError(words, path="horizon")
+            object.__setattr__(self, name, float(value))
         if self.initial is None and not self.free:
             words = "empty; expected {min: …, max: …, initial: …} or a number"
             raise InvalidProblemError(words, path="horizon")
@@ -57,6 +68,19 @@ class Horizon:
         if self.free and self.initial is not None and not lower <= self.initial <= upper:
             words = f"{self.initial:g} lies outside min and max, [{lower:g}, {upper:g}]"
             raise InvalidProblemError(words, path="horizon.initial")
+
+    @classmethod
+    def of(cls, given: Any) -> Horizon:
+        """A horizon as Python or a file writes it: a number, or a mapping with some of min, max and initial."""
+        if isinstance(given, Horizon):
+            return given
+        if not isinstance(given, Mapping):
+            return cls(real(given, "horizon", "a duration, or {'min': …, 'max': …, 'initial': …}"))
+        for name in given:
+            if name not in ("min", "max", "initial"):
+                known = ("min", "max", "initial")
+                raise InvalidProblemError("unknown key", path=f"horizon.{name}", word=str(name), known=known)
+        return cls(given.get("initial"), given.get("min"), given.get("max"))
 
     @property
     def free(self) -> bool:
@@ -92,25 +116,44 @@ class Horizon:
         return self.initial
 
 
-@dataclass(frozen=True)
-class Via:
-    """A pose to pass at a fraction of the horizon."""
+@dataclass(frozen=True, eq=False)
+class Via(ByValue, Constructed):
+    """A pose to pass on the way.
+
+    share: when, as a fraction of the horizon between 0 and 1. goal: what to meet then, written like a problem's goal,
+    "position" (3,) [length] say.
+    A problem takes a file's {"at": 0.5, "position": [0, 0, 30]} too.
+    Errors: `InvalidProblemError`, by the problem, for a share or a pose that is none.
+    """
 
     share: float
     goal: Mapping[str, Array]
 
+    @classmethod
+    def of(cls, given: Any, path: str) -> Via:
+        """A via pose as Python or a file writes it."""
+        if isinstance(given, Mapping) and "at" in given:
+            given = cls(given["at"], {name: value for name, value in given.items() if name != "at"})
+        expect(given, Via, "Via(0.5, {…}) or {'at': 0.5, …}", path)
+        return cls(real(given.share, f"{path}.at", "a share between 0 and 1"), given.goal)
 
-@dataclass(kw_only=True)
-class PlanningProblem(Frozen):
-    """Steer ``system`` from ``start`` to ``goal``.
 
-    start: a value for every block of the state; goal: a value for every block that matters (the others are free), or
-    for outputs of the pose. via: what to meet on the way, written like the goal.
-    initial: coefficients Λ₀ (inputs × basis functions), or None to let the solver draw a seeded start.
-    error_length: the length that counts as much as one radian in E; length_scale divides the rotation columns of the
-    regularity matrices (None: the system's own length, else error_length). solvers: solver objects by name, used by
-    `nhpocp.solve`.
-    Errors: `InvalidProblemError` where the parts do not fit together.
+@dataclass(kw_only=True, eq=False)
+class PlanningProblem(ByValue, Frozen):
+    """A task: steer a system from a start to a goal. Frozen; equal to its copies; `replace(problem, …)` makes another.
+
+    system: such as `ThreeUPU()`. start: a value for every block of the state, as {"position": [0, 0, 25],
+    "orientation": {"rpy": [0, 0, -30 * deg]}}: vectors (n,) in their unit ([length], [rad]), rotations as rpy,
+    quaternion, rotvec, matrix or an array (3, 3). goal: the same for every block that matters (the others are free), or
+    for outputs of the pose, such as leg_lengths. via: `Via(0.5, pose)`, or {"at": 0.5, "position": …}: what to meet on
+    the way. name: in folders and reports. horizon: the duration T [time]: a number, a `Horizon`, or {"min": …, "max":
+    …}. basis: of the control, such as `Fourier(2)`. initial: coefficients Λ₀, inputs × basis functions, or None to let
+    the solver draw a seeded start. objective: the name of a cost, "effort" say. bounds: as in a file, {"leg_length":
+    [20, 60], "joint_angle": {"theta4": {"max": 20 * deg}}}, or a list of `Bound`s. error_length: the length [length]
+    that counts as much as one radian in E. length_scale: divides the rotation columns of the regularity matrices (None:
+    the system's own length, else error_length). solvers: solver objects by name, used by `nhpocp.solve`. samples: of
+    trajectories. pictures: whether folders have any. reference: known results, for tests.
+    Errors: `InvalidProblemError` where the parts do not fit together; the first, and all `others`.
     """
 
     noun: ClassVar[str] = "problem"
@@ -131,10 +174,15 @@ class PlanningProblem(Frozen):
     samples: int = 201
     pictures: bool = True
     reference: Mapping[str, Any] = field(default_factory=dict)
-    source: str | None = field(default=None, init=False)  # see `read_from`
+    source: str | None = field(default=None, init=False, compare=False)  # see `read_from`
+
+    def __hash__(self) -> int:
+        """Of what most problems differ in; solvers may have none."""
+        return hash((self.name, as_value(self.system), as_value(self.start), as_value(self.goal)))
 
     def __post_init__(self) -> None:
         wrong: list[InvalidProblemError] = []
+        self._take_as_written()
         self.start = checked_start(self.system.state_space, self.start, wrong)
         self.goal = checked_goal(self.system, self.goal, "goal", wrong)
         self.via = self._checked_via(wrong)
@@ -145,8 +193,11 @@ class PlanningProblem(Frozen):
             wrong.append(InvalidProblemError(words, path="objective"))
         for name in ("error_length", "length_scale"):
             value = getattr(self, name)
-            if value is not None and not (np.isfinite(value) and value > 0):
-                wrong.append(InvalidProblemError(f"{value:g} is not a length > 0", path=name))
+            try:
+                if value is not None and not real(value, name, "a length > 0") > 0:
+                    raise InvalidProblemError(f"{value:g} is not a length > 0", path=name)
+            except InvalidProblemError as error:
+                wrong.append(error)
         if self.samples < 2:
             wrong.append(InvalidProblemError("a trajectory needs at least 2 samples", path="output.samples"))
         refuse(wrong)
@@ -155,6 +206,31 @@ class PlanningProblem(Frozen):
         self._check_bounds(wrong)
         refuse(wrong)
         self.bounds = tuple(self._measured(bound) for bound in self.bounds)
+
+    def _take_as_written(self) -> None:
+        """Parts as Python or a file may write them, made into what they are from here on.
+
+        Errors: `InvalidProblemError` for a part of another kind.
+        """
+        expect(self.system, System, "a system such as ThreeUPU()", "system")
+        expect(self.basis, ControlBasis, "a basis such as Fourier(2)", "control.basis")
+        expect(self.name, str, "a text", "name")
+        expect(self.objective, str, "the name of an objective", "objective")
+        expect(self.solvers, Mapping, "solvers by name, such as {'jacobian': Continuation()}", "solvers")
+        expect(self.reference, Mapping, "a mapping", "reference")
+        self.written = {"start": self.start, "goal": self.goal, "via": self.via}
+        self.horizon = Horizon.of(self.horizon)
+        self.samples = whole_number(self.samples, "output.samples")
+        if isinstance(self.initial, str) and self.initial == "auto":
+            self.initial = None
+        if isinstance(self.bounds, Mapping):
+            self.bounds = bounds_of(self.bounds, self.system)
+        wanted = "a list of `Bound`s, or a mapping such as {'leg_length': [20, 60]}"
+        expect(self.bounds, (list, tuple), wanted, "constraints")
+        expect(self.via, (list, tuple), "a list of via poses", "via")
+        for bound in self.bounds:
+            expect(bound, Bound, "Bound(label, quantity, lower, upper)", "constraints")
+        self.via = [Via.of(via, f"via[{i}]") for i, via in enumerate(self.via)]
 
     def _check_assembly(self, wrong: list[InvalidProblemError]) -> None:
         """Whether the machine can be put together at the start."""
@@ -283,7 +359,8 @@ class PlanningProblem(Frozen):
         wrong: list[InvalidProblemError] = []
         other = object.__new__(type(self))
         goal = checked_goal(self.system, goal, "goal", wrong)
-        other.__dict__.update(self.__dict__, goal=goal, source=None)
+        written = FixedDict({**self.written, "goal": goal})
+        other.__dict__.update(self.__dict__, goal=goal, source=None, written=written)
         refuse(wrong)
         for name in ("goal_point", "tasks", "scales"):
             other.__dict__.pop(name, None)

@@ -14,6 +14,7 @@ from math import factorial, pi
 from typing import Any
 
 from nhpocp.arrays import Array, cross, dot, namespace, norm
+from nhpocp.declared import degrees_hint
 from nhpocp.errors import InvalidProblemError, OrientationAtPiError, describe
 from nhpocp.singular_values import svd
 
@@ -208,12 +209,14 @@ def from_mapping(value: Mapping[str, Any]) -> Array:
         )
     name = given[0]
     try:
+        if np.asarray(value[name]).dtype.kind in "bUS":
+            raise ValueError
         numbers = np.array(value[name], dtype=float)
         shape = {"quaternion": (4,), "matrix": (3, 3)}.get(name, (3,))
         if numbers.shape != shape or not np.isfinite(numbers).all():
             raise ValueError
     except (TypeError, ValueError):
-        words = f"expected finite numbers {WRITINGS[name]}, got {describe(value[name])}"
+        words = f"expected finite numbers {WRITINGS[name]}, got {describe(value[name])}{degrees_hint(value[name])}"
         raise InvalidProblemError(words, path=name) from None
     makers = {"rpy": from_rpy, "quaternion": _of_quaternion, "rotvec": exp, "matrix": on_group}
     try:

@@ -12,7 +12,8 @@ from nhpocp import so3
 from nhpocp.arrays import Array
 from nhpocp.constraints.bound import BoundReport
 from nhpocp.controls.control import Control
-from nhpocp.deferred import extended
+from nhpocp.deferred import Deferred, Named, extended
+from nhpocp.frozen import ByValue
 from nhpocp.outcome import Outcome
 from nhpocp.problem import PlanningProblem
 from nhpocp.systems.margins import det, margin
@@ -59,7 +60,14 @@ class Replay:
 
 @dataclass(frozen=True)
 class Verdict:
-    """What an independent check found; ``ok`` only where everything that must hold does."""
+    """What an independent check found.
+
+    ok: whether everything holds that must; reasons: why it does not. error: E [rad] at the end of the replay; reached:
+    the time [time] that it came to; method: how it was integrated. original: the `Replay` of (3) under u. rolling,
+    leg_rate: relative residuals of the joints and of the legs' rates, from geometry alone. orthogonality: of the
+    rotations. trajectory_deviation: of the stored motion from the replayed one. crossings: zeros of determinants.
+    bounds: a report each. warnings: what is worth knowing and breaks nothing.
+    """
 
     error: float | None
     ok: bool
@@ -91,14 +99,17 @@ class Verdict:
         }
 
 
-@dataclass(frozen=True, kw_only=True)
-class Solution:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Solution(ByValue):
     """A control, the motion it makes, and how it was found.
 
-    trajectory: arrays by name, samples first; "t" [time], then state blocks, inputs, outputs and margins.
-    costs: integrals over the motion by name (effort, leg_effort, path_length).
-    iterations: one record per evaluated control. final_error: E as the solver believes; verdict: what verification
-    says of it (None before).
+    problem: what was solved. solver, settings, tolerance: by which method, and the E [rad] that counts as reached.
+    outcome, message: how it ended, and what to try. final_error: E as the solver believes. control: a `Control`.
+    trajectory: arrays by name, samples first: "t" (samples,) [time], then state blocks, inputs, outputs and margins, as
+    "position" (samples, 3) [length]. costs: integrals over the motion by name (effort, leg_effort, path_length).
+    iterations: one record per evaluated control. evaluations: of the dynamics over the whole horizon. objective: what
+    was minimised. warnings: sentences. timing: seconds by name. log: the optimizer's own words. details: what only one
+    solver has to say, plain data. verdict: what verification says of it, a `Verdict` (None before).
     """
 
     problem: PlanningProblem
@@ -120,6 +131,12 @@ class Solution:
     # what only one solver has to say, plain JSON data
     details: Mapping[str, Any] = field(default_factory=dict)
     verdict: Verdict | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("trajectory", "costs"):
+            entries = getattr(self, name)
+            if not isinstance(entries, Deferred | Named):
+                object.__setattr__(self, name, Named(entries))
 
     @property
     def converged(self) -> bool:

@@ -9,26 +9,32 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import product
-from math import prod
-from typing import Any, ClassVar, Literal
+from math import pi, prod
+from typing import Any, ClassVar, Literal, get_args
 
 from nhpocp import so3
 from nhpocp.arrays import Array, namespace, norm
-from nhpocp.errors import InvalidProblemError, describe
+from nhpocp.constructed import Constructed
+from nhpocp.declared import degrees_hint, whole_number
+from nhpocp.errors import InvalidProblemError, describe, expect
 from nhpocp.frozen import Frozen
 
 Kind = Literal["vector", "scalar", "rotation", "direction", "matrix"]
 Unit = Literal["length", "angle", ""]
+deg = pi / 180  # in radians, the unit of every angle in Python: `30 * deg` is a file's `30 deg`
 UNIT_WORDS = {"length": "[length]", "angle": "[rad]", "": ""}
 
 
 @dataclass(frozen=True)
-class Block:
+class Block(Constructed):
     """One named quantity: a part of a state or of an input, or an output, and all that is known of it.
 
-    A direction, a unit vector, and a matrix are outputs only. symbol: how formulas call it, LaTeX without $; none:
-    by its name. wraps: angles that jump by 2π where they are cut. of_pose: an output that depends on the state alone,
+    `vector`, `scalar`, `rotation`, `direction` and `matrix` make them; a direction, a unit vector, and a matrix are
+    outputs only. name: printable. kind: one of these five. components: numbers of a vector, or in each row of a matrix;
+    rows: of a matrix. unit: "length", "angle" [rad], or "". symbol: how formulas call it, LaTeX without $; none: by its
+    name. wraps: angles that jump by 2π where they are cut. of_pose: an output that depends on the state alone,
     so that it may be a goal. rate: per unit of time; inputs are so by themselves.
+    Errors: `InvalidProblemError` for an unknown kind or unit, or numbers of components that are none.
     """
 
     name: str
@@ -40,6 +46,19 @@ class Block:
     wraps: bool = False
     of_pose: bool = False
     rate: bool = False
+
+    def __post_init__(self) -> None:
+        path = f"block {self.name!r}"
+        expect(self.name, str, "a name", "block")
+        if self.kind not in get_args(Kind):
+            raise InvalidProblemError(
+                f"kind {self.kind!r}; expected one of {', '.join(get_args(Kind))}", path=path
+            )
+        if self.unit not in UNIT_WORDS:
+            words = f"unit {self.unit!r}; expected 'length', 'angle', or '' for none"
+            raise InvalidProblemError(words, path=path)
+        whole_number(self.components, path)
+        whole_number(self.rows, path)
 
     @property
     def size(self) -> int:
@@ -73,9 +92,12 @@ class Block:
         if self.kind == "rotation" and isinstance(value, Mapping):
             return so3.from_mapping(value)
         try:
+            if np.asarray(value).dtype.kind in "bUS":  # NumPy would read texts and truth values as numbers
+                raise ValueError
             numbers = np.array(value, dtype=float)
         except (TypeError, ValueError):
-            raise InvalidProblemError(f"expected {self.written}, got {describe(value)}") from None
+            words = f"expected {self.written}, got {describe(value)}{degrees_hint(value)}"
+            raise InvalidProblemError(words) from None
         if numbers.shape != self.shape:
             if len(self.shape) == 1 == numbers.ndim:
                 raise InvalidProblemError(f"{len(numbers)} numbers; expected {self.shape[0]}")
@@ -100,22 +122,50 @@ class Block:
 
 
 def vector(name: str, components: int, unit: Unit = "", **known: Any) -> Block:
+    """A vector (components,) of a state, an input or an output.
+
+    name: of the trajectory's entry. components: how many numbers. unit: "length", "angle" [rad], or "" for none. known:
+    more of a `Block`, such as symbol, wraps, of_pose.
+    Errors: `InvalidProblemError` for another unit, or components that are no whole number.
+    """
     return Block(name, "vector", components, unit, **known)
 
 
 def scalar(name: str, unit: Unit = "", **known: Any) -> Block:
+    """A number of a state, an input or an output.
+
+    name: of the trajectory's entry. unit: "length", "angle" [rad], or "" for none. known: more of a `Block`, such as
+    symbol, wraps, of_pose.
+    Errors: `InvalidProblemError` for another unit.
+    """
     return Block(name, "scalar", 1, unit, **known)
 
 
 def rotation(name: str, symbol: str = "R") -> Block:
+    """A rotation (3, 3) of a state, platform to base: Ṙ = [ω] R with ω in base coordinates [rad per time].
+
+    name: of the trajectory's entry. symbol: how formulas call it.
+    Errors: `InvalidProblemError` for a name that is no text.
+    """
     return Block(name, "rotation", 3, "angle", symbol)
 
 
 def direction(name: str, **known: Any) -> Block:
+    """A unit vector (3,) among the outputs.
+
+    name: of the trajectory's entry. known: more of a `Block`, such as symbol, and of_pose where it may be a goal.
+    Errors: `InvalidProblemError` for a name that is no text.
+    """
     return Block(name, "direction", 3, "angle", **known)
 
 
 def matrix(name: str, rows: int, columns: int, unit: Unit = "", **known: Any) -> Block:
+    """A matrix (rows, columns) among the outputs.
+
+    name: of the trajectory's entry. rows, columns: how many. unit: "length", "angle" [rad], or "" for none. known: more
+    of a `Block`, such as symbol, wraps.
+    Errors: `InvalidProblemError` for another unit, or sizes that are no whole numbers.
+    """
     return Block(name, "matrix", columns, unit, rows=rows, **known)
 
 
@@ -146,11 +196,18 @@ def check_distinct(parts: Iterable[tuple[str, Block]]) -> None:
 
 
 class StateSpace(Frozen):
-    """A product of blocks, in order. Points may be numbers or CasADi symbols."""
+    """A product of blocks, in order. Points may be numbers or CasADi symbols.
+
+    blocks: made by `vector`, `scalar` and `rotation`. A point is packed (size,), a rotation as nine numbers row by row;
+    a tangent vector has (dimension,) numbers, three for a rotation.
+    Errors: `InvalidProblemError` for two of one name, or a block that is an output only.
+    """
 
     noun: ClassVar[str] = "space"
 
     def __init__(self, blocks: Sequence[Block]) -> None:
+        for block in blocks if isinstance(blocks, list | tuple) else [blocks]:
+            expect(block, Block, "a list of blocks such as [vector('position', 3, 'length')]", "StateSpace")
         self.blocks = tuple(blocks)
         self.names = tuple(block.name for block in blocks)
         self.size = sum(block.size for block in blocks)

@@ -8,6 +8,7 @@ import shutil
 import signal
 import tempfile
 from collections.abc import Iterator, Mapping
+from functools import cache
 from typing import Any, ClassVar
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # pytest-xdist already uses every core
@@ -39,11 +40,17 @@ def yaw(angle: float) -> np.ndarray:
     return so3.from_rpy(np.array([0.0, 0.0, angle]))
 
 
+@cache
+def robot(preset: str) -> ThreeUPU:
+    """One robot of each preset for all tests: what is built for it is built once."""
+    return ThreeUPU.preset(preset)
+
+
 def paper_problem(preset: str = "default", **changes: Any) -> PlanningProblem:
     """The paper's task on one preset; ``changes`` go to `PlanningProblem`, except ``form`` and geometry."""
     geometry = {name: changes.pop(name) for name in list(changes) if name in ThreeUPU.declared}
     values: dict[str, Any] = {
-        "system": ThreeUPU.preset(preset, **geometry),
+        "system": ThreeUPU.preset(preset, **geometry) if geometry else robot(preset),
         "start": {"position": [0, 0, 25], "orientation": yaw(-np.pi / 6)},
         "goal": {"position": [-0.4, -0.2, 35], "orientation": yaw(-np.pi / 2)},
         "initial": PAPER_START,

@@ -32,7 +32,7 @@ def test_what_is_missing_is_a_key_error():
 
 def test_a_pickled_one_comes_back_as_a_dict():
     copy = pickle.loads(pickle.dumps(Deferred(lambda: {"b": 2}, {"a": 1})))
-    assert type(copy) is dict
+    assert isinstance(copy, dict)
     assert copy == {"a": 1, "b": 2}
 
 

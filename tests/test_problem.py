@@ -38,7 +38,7 @@ def problem(**changes):
         ({"goal": {"orientation": np.diag([1, 1, -1])}}, "goal.orientation", "a reflection"),
         ({"objective": "beauty"}, "objective", "none of effort, leg_effort"),
         ({"error_length": 0.0}, "error_length", "not a length > 0"),
-        ({"error_length": np.nan}, "error_length", "not a length > 0"),
+        ({"error_length": np.nan}, "error_length", "NaN; expected a finite number"),
         ({"length_scale": -1.0}, "length_scale", "not a length > 0"),
         ({"samples": 1}, "output.samples", "at least 2"),
         (

@@ -98,7 +98,13 @@ class PathAnalysis:
 
 @dataclass(frozen=True)
 class Analysis:
-    """Everything that `analyze` found out; ``path`` and ``end_point`` are None without a usable initial guess."""
+    """Everything that `analyze` found out, as its `to_json()` says in plain data.
+
+    problem, tolerance: what was asked. filtration: growth vectors at the start, at a goal that is a state, then along
+    the path. controllability: what follows of them. points: ranks and singular values by name, "start" and "goal".
+    path, end_point: the margins and the end point's Jacobian along the initial guess; None without a usable one. map:
+    of singularities over two coordinates. mobility: of a parallel robot at the start. notes: sentences on all of it.
+    """
 
     problem: PlanningProblem
     tolerance: float

@@ -14,16 +14,23 @@ from typing import Any
 import numpy as np
 
 from nhpocp.arrays import Array, namespace
-from nhpocp.frozen import Frozen
+from nhpocp.errors import describe
+from nhpocp.frozen import ByValue, Frozen
 from nhpocp.objectives.quantity import quantity
 from nhpocp.scales import side_size
 from nhpocp.systems.margins import Margin, margin
 from nhpocp.systems.system import System
 
 
-@dataclass(frozen=True)
-class Bound(Frozen):
-    """lower ≤ quantity ≤ upper at every time, componentwise; bounds broadcast over the quantity's components."""
+@dataclass(frozen=True, eq=False)
+class Bound(ByValue, Frozen):
+    """A bound lower ≤ quantity ≤ upper at every time, componentwise.
+
+    label: as a problem file calls it, such as "leg_length" or "state.position"; reports show it. quantity: a name of
+    the trajectory, such as "leg_lengths" or "u". lower, upper: numbers in the quantity's unit ([length], [rad], a rate
+    per [time]), or arrays (components,); infinite where a side is open. scale, coordinate: filled in by a problem.
+    Errors: `InvalidProblemError`, by the problem, for a quantity that it does not have, or limits of another shape.
+    """
 
     # as the problem file calls it: leg_length, leg_speed, control, clearance.sigma_s, state.position
     label: str
@@ -41,7 +48,12 @@ class Bound(Frozen):
 
     def misfit(self, shape: tuple[int, ...]) -> str:
         """Why this cannot be a bound on a quantity of a shape, in words; empty where it can."""
-        sides = [np.asarray(side, dtype=float) for side in (self.lower, self.upper)]
+        try:
+            sides = [np.asarray(side, dtype=float) for side in (self.lower, self.upper)]
+        except (TypeError, ValueError):
+            return (
+                f"expected numbers as lower and upper, got {describe(self.lower)} and {describe(self.upper)}"
+            )
         for side in sides:
             if not shape and side.size > 1:
                 return "lists of bounds; expected [lo, hi], for this is one number"

@@ -7,6 +7,7 @@ from typing import Any
 
 from nhpocp.constraints.bound import Bound
 from nhpocp.constraints.kind import ConstraintKind
+from nhpocp.constraints.written import as_written
 from nhpocp.errors import InvalidProblemError, refuse
 from nhpocp.family import Family
 from nhpocp.systems.system import System
@@ -32,7 +33,16 @@ def bounds_of(given: Mapping[str, Any], system: System) -> list[Bound]:
     wrong: list[InvalidProblemError] = []
     bounds: list[Bound] = []
     for key, value in given.items():
-        kind, path = KINDS[key], f"constraints.{key}"
+        path = f"constraints.{key}"
+        if key not in KINDS:
+            wrong.append(InvalidProblemError("unknown key", path=path, word=str(key), known=KINDS))
+            continue
+        kind = KINDS[key]
+        try:
+            value = as_written(value, kind.shape)
+        except InvalidProblemError as error:
+            wrong.append(error.under(path))
+            continue
         if words := kind.lacking(system):
             wrong.append(InvalidProblemError(words, path=path, at_key=True))
         elif words := kind.misfit(value, system):

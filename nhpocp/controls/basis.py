@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Mapping
 from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 
 from nhpocp.arrays import Array
+from nhpocp.constructed import Constructed
 from nhpocp.controls.table import Gram, Table
-from nhpocp.declared import declarations
+from nhpocp.declared import check, declarations
 from nhpocp.errors import InvalidProblemError
 
 Side = Literal["right", "left"]
 
 
-class ControlBasis(ABC):
+class ControlBasis(Constructed):
     r"""Functions φ_1…φ_size on [0, T] that span the control of each input.
 
     With λ the rows of Λ one after another, u(t) = P(t) λ and P(t) = I ⊗ φ(t)ᵀ, [Paper] section 4. A frozen dataclass
@@ -27,6 +28,9 @@ class ControlBasis(ABC):
     kind: ClassVar[str]
     meaning: ClassVar[str] = ""
     nested: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        check(self)
 
     def __hash__(self) -> int:
         return id(self)  # what is made for one is kept beside it; frozen dataclasses do better

@@ -8,22 +8,38 @@ from typing import Any
 import numpy as np
 
 from nhpocp.arrays import Array
+from nhpocp.constructed import Constructed
 from nhpocp.controls.basis import ControlBasis, Side
 from nhpocp.controls.samples import Samples
 from nhpocp.controls.table import Gram
-from nhpocp.errors import InvalidProblemError
+from nhpocp.declared import real
+from nhpocp.errors import InvalidProblemError, describe, expect
+from nhpocp.frozen import ByValue
 
 
-@dataclass(frozen=True)
-class Control:
-    """u(t) = Λ φ(t) on [0, horizon]; coefficients Λ: inputs × basis functions."""
+@dataclass(frozen=True, eq=False)
+class Control(ByValue, Constructed):
+    """u(t) = Λ φ(t) on [0, horizon], as a function: `control(times)` is (samples, inputs) for times (samples,).
+
+    basis: the functions φ, such as `Fourier(2)`. coefficients: Λ, inputs × basis functions, each row of an input in its
+    unit. horizon: the duration T [time].
+    Errors: `InvalidProblemError` for coefficients of another shape, or a duration that is none.
+    """
 
     basis: ControlBasis
     coefficients: Array
     horizon: float = 1.0
 
     def __post_init__(self) -> None:
-        coefficients = np.array(self.coefficients, dtype=float)
+        expect(self.basis, ControlBasis, "a basis such as Fourier(2)", "Control.basis")
+        if real(self.horizon, "Control.horizon", "a duration > 0") <= 0:
+            words = f"{self.horizon:g} is not a duration; expected a number > 0"
+            raise InvalidProblemError(words, path="Control.horizon")
+        try:
+            coefficients = np.array(self.coefficients, dtype=float)
+        except (TypeError, ValueError):
+            words = f"expected one row of numbers per input, got {describe(self.coefficients)}"
+            raise InvalidProblemError(words, path="Control.coefficients") from None
         if coefficients.ndim != 2 or coefficients.shape[1] != self.basis.size:
             raise InvalidProblemError(
                 f"control coefficients have shape {coefficients.shape}; expected one row per input and "

@@ -14,15 +14,25 @@ from nhpocp.controls.basis import ControlBasis, Side
 from nhpocp.controls.control import Control
 from nhpocp.controls.registry import BASES
 from nhpocp.controls.table import Gram, Table
+from nhpocp.errors import InvalidProblemError
 
 
 @dataclass(frozen=True)
 class SequenceBasis(ControlBasis):
-    """The functions of ``bases`` one after another, those of piece i being zero outside its fraction of [0, T]."""
+    """The functions of ``bases`` one after another, those of piece i being zero outside its fraction of [0, T].
+
+    bases: one a piece. shares: of the horizon, as many, adding up to 1.
+    Errors: `InvalidProblemError` where these are not as many.
+    """
 
     bases: tuple[ControlBasis, ...]
     shares: tuple[float, ...]  # of the horizon, adding up to 1
     kind: ClassVar[str] = "sequence"
+
+    def __post_init__(self) -> None:
+        if not self.bases or len(self.bases) != len(self.shares):
+            words = f"{len(self.bases)} bases and {len(self.shares)} shares; expected as many, at least one"
+            raise InvalidProblemError(words, path="SequenceBasis")
 
     @property
     def size(self) -> int:

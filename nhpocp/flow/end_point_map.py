@@ -72,7 +72,10 @@ EndPointMapFactory = Callable[..., EndPointMap]  # called as the class is made
 
 
 class DifferentiatedEndPointMap(EndPointMap):
-    """The Jacobian as the derivative of what the integrator computes (automatic differentiation)."""
+    """The Jacobian as the derivative of what the integrator computes (automatic differentiation).
+
+    To be named, as in `Continuation(sensitivity=DifferentiatedEndPointMap)`; a solver makes it.
+    """
 
     def __init__(
         self,
@@ -99,7 +102,10 @@ class DifferentiatedEndPointMap(EndPointMap):
 
 
 class VariationalEndPointMap(EndPointMap):
-    """The Jacobian from the paper's variational equations (11)-(12); also gives the Gram matrix of (14)."""
+    """The Jacobian from the paper's variational equations (11)-(12); also gives the Gram matrix of (14).
+
+    To be named, as in `Continuation(sensitivity=VariationalEndPointMap)`; a solver makes it.
+    """
 
     def __init__(
         self,

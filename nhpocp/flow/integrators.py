@@ -16,8 +16,10 @@ import numpy as np
 
 from nhpocp.arrays import Array
 from nhpocp.calls import call, mapped
+from nhpocp.constructed import Constructed
 from nhpocp.controls.basis import ControlBasis
 from nhpocp.controls.samples import Samples
+from nhpocp.declared import check, count
 from nhpocp.errors import InvalidProblemError
 from nhpocp.flow.compiled.kernels import CompiledWhenReady, Kernels
 from nhpocp.flow.dynamics import Dynamics
@@ -50,11 +52,14 @@ class Flow(ABC):
         """Where many controls (k, m, size) lead from one start, with dy(T)/dλ if wanted."""
 
 
-class Integrator(ABC):
+class Integrator(Constructed):
     """A way to integrate. Hashable: flows are kept by it."""
 
     kind: ClassVar[str]
     steps: int
+
+    def __post_init__(self) -> None:
+        check(self)
 
     def grid(self, basis: ControlBasis, horizon: float) -> Array:
         """Times at which this integrator's own steps end (the basis's breakpoints among them)."""
@@ -97,7 +102,7 @@ class RungeKutta4(Integrator):
     is summed against φ at the end. ``kernels``: whether a compiled kernel does that.
     """
 
-    steps: int = 100
+    steps: int = count(100, "integration steps over the horizon")
     kernels: Kernels = field(default_factory=CompiledWhenReady)
     tableau: Tableau = CLASSICAL
     kind: ClassVar[str] = "rk4"
@@ -182,7 +187,7 @@ class CasadiIntegrator(Integrator):
     """
 
     plugin: str
-    steps: int = 100
+    steps: int = count(100, "integration steps over the horizon")
     options: tuple[tuple[str, Any], ...] = ()
 
     def _flow(self, dynamics: Dynamics, basis: ControlBasis, horizon: float, times: Array) -> CasadiFlow:
@@ -191,7 +196,11 @@ class CasadiIntegrator(Integrator):
 
 @dataclass(frozen=True)
 class CasadiRungeKutta(CasadiIntegrator):
-    """CasADi's ``rk``: the same scheme as `RungeKutta4`, differentiated as a whole."""
+    """CasADi's ``rk``: the same scheme as `RungeKutta4`, differentiated as a whole.
+
+    steps: integration steps over the horizon. plugin, options: of ``ca.integrator``, options as pairs (name, value).
+    Errors: `InvalidProblemError` for steps that are no whole number from 1 to 100000.
+    """
 
     plugin: str = "rk"
     kind: ClassVar[str] = "rk"
@@ -199,7 +208,11 @@ class CasadiRungeKutta(CasadiIntegrator):
 
 @dataclass(frozen=True)
 class Cvodes(CasadiIntegrator):
-    """SUNDIALS' variable-order, variable-step integrator; ``steps`` only sets where the path is recorded."""
+    """SUNDIALS' variable-order, variable-step integrator, at a relative and absolute tolerance of 1e-10.
+
+    steps: where the path is recorded, no more. plugin, options: of ``ca.integrator``, options as pairs (name, value).
+    Errors: `InvalidProblemError` for steps that are no whole number from 1 to 100000.
+    """
 
     plugin: str = "cvodes"
     kind: ClassVar[str] = "cvodes"

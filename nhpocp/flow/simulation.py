@@ -26,7 +26,11 @@ CLOSE = 1e-7  # between the ends of a path and of the same with half the steps, 
 
 @dataclass(frozen=True)
 class Motion:
-    """trajectory: "t" and every named quantity, samples first. costs: integrals by name, over the whole motion."""
+    """The motion that a control makes, and what it costs, as `simulate` returns it.
+
+    trajectory: "t" (samples,) [time] and every named quantity, (samples, …) in its unit. costs: integrals by name, over
+    the whole motion.
+    """
 
     trajectory: Mapping[str, Array]
     costs: Mapping[str, float]

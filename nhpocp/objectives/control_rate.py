@@ -31,7 +31,8 @@ class ControlRate(ControlObjective):
     pace = -3
 
     def scale(self, scales: Scales) -> float:
-        return float(max(scales.inputs, default=0.0) ** 2 / scales.time) or 1.0
+        largest = float(max(scales.inputs, default=0.0))
+        return largest * largest / float(scales.time) or 1.0
 
     def lacking_control(self, basis: ControlBasis) -> str:
         import numpy as np

@@ -24,7 +24,8 @@ class Effort(ControlObjective):
     pace = -1
 
     def scale(self, scales: Scales) -> float:
-        return float(scales.time * max(scales.inputs, default=0.0) ** 2) or 1.0
+        largest = float(max(scales.inputs, default=0.0))
+        return float(scales.time) * largest * largest or 1.0  # no power: floats overflow to ∞ in silence
 
     def gram(self, basis: ControlBasis, horizon: float) -> Gram | Array:
         return basis.gram(horizon)

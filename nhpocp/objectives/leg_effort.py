@@ -19,7 +19,7 @@ class LegEffort(PathObjective):
     pace = -1
 
     def scale(self, scales: Scales) -> float:
-        return scales.length**2 / scales.time
+        return scales.length * scales.length / scales.time
 
     def lacking(self, system: System) -> str:
         return "" if hasattr(system, "legs") else f"the system {system.model} has no legs, so no leg speeds"

@@ -22,8 +22,8 @@ _BLOCKS = {"", "control", "constraints", "solvers", "reference"}
 def dump_problem(problem: PlanningProblem, settings: Mapping[str, Mapping[str, Any]] | None = None) -> str:
     """The problem as YAML: the text that it was read from, or what was made in Python.
 
-    ``settings``: of solvers by name, instead of those of the problem's own solver objects. Errors:
-    `InvalidProblemError` for what a file has no words for, such as a bound with a label of one's own.
+    problem: a `PlanningProblem`. settings: of solvers by name, instead of those of the problem's own solver objects.
+    Errors: `InvalidProblemError` for what a file has no words for, such as a bound with a label of one's own.
     """
     asked = settings or {}
     own = {name: solver.settings() for name, solver in problem.solvers.items() if name in asked}

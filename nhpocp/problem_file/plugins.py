@@ -9,8 +9,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from nhpocp.errors import InvalidProblemError
-from nhpocp.state_space import StateSpace
+from nhpocp.errors import CallError, InvalidProblemError, one_line
 from nhpocp.systems.system import System
 
 if TYPE_CHECKING:
@@ -42,7 +41,7 @@ def load(points: list[EntryPoint]) -> type[System]:
     try:
         cls = point.load()
     except Exception as error:
-        raise _broken(f"{origin(point)} cannot be loaded: {words(error)}") from error
+        raise _broken(f"{origin(point)} cannot be loaded: {one_line(error)}") from error
     if not (isinstance(cls, type) and System in cls.__mro__):
         raise _broken(f"{origin(point)} is no subclass of nhpocp.System")
     model = getattr(cls, "model", None)
@@ -56,27 +55,19 @@ def load(points: list[EntryPoint]) -> type[System]:
 def made(cls: type[System], origin: str, **parameters: Any) -> System:
     """An instance of a class from elsewhere. Errors: `InvalidProblemError`, whatever its code raises."""
     try:
-        system = cls(**parameters)
-        spaces = [getattr(system, name, None) for name in ("state_space", "input_space")]
+        return cls(**parameters)
+    except CallError as error:
+        raise _broken(f"{origin} fails: {error.message}") from error
     except InvalidProblemError:
         raise
     except Exception as error:
-        raise _broken(f"{origin} fails: {words(error)}") from error
-    if not all(isinstance(space, StateSpace) for space in spaces):
-        raise _broken(f"{origin} has no state_space or no input_space; expected a nhpocp.StateSpace each")
-    return system
+        raise _broken(f"{origin} fails: {one_line(error)}") from error
 
 
 def origin(point: EntryPoint) -> str:
     """Where a system comes from."""
     package = f" of {point.dist.name} {point.dist.version}" if point.dist else ""
     return f"the plugin {point.value}{package}"
-
-
-def words(error: Exception) -> str:
-    """An exception of foreign code in one line."""
-    lines = str(error).strip().splitlines()
-    return f"{type(error).__name__}: {lines[0]}" if lines else type(error).__name__
 
 
 def _broken(message: str) -> InvalidProblemError:

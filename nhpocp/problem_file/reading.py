@@ -12,23 +12,20 @@ from dataclasses import dataclass
 from pathlib import Path as FilePath
 from typing import Any
 
-import numpy as np
 from pydantic import ValidationError
 
-from nhpocp.errors import InvalidProblemError, describe, refuse
-from nhpocp.foreseen import broken_poses
+from nhpocp.doubts import doubts
+from nhpocp.errors import InvalidProblemError, describe, one_line, refuse
 from nhpocp.problem import PlanningProblem
 from nhpocp.problem_file import document as documents
 from nhpocp.problem_file.building import assembled, build_solvers, via_order
 from nhpocp.problem_file.document import Document
 from nhpocp.problem_file.messages import translate
 from nhpocp.problem_file.overrides import apply, within
-from nhpocp.problem_file.plugins import words
-from nhpocp.problem_file.probable_degrees import probable_degrees
 from nhpocp.problem_file.registry import SYSTEMS, read_system
 from nhpocp.problem_file.schema import ProblemData
-from nhpocp.scales import coarse
 from nhpocp.systems.system import System
+from nhpocp.systems.trial import try_out
 
 
 @dataclass(frozen=True)
@@ -130,7 +127,7 @@ def build(file: ProblemFile) -> PlanningProblem:
     """The problem of a file, with its solvers."""
     try:
         if file.system.model not in SYSTEMS:
-            _try_out(file.problem)
+            try_out(file.system, file.problem.start_point)
         return file.problem.with_(solvers=build_solvers(file.data)).read_from(file.text)
     except InvalidProblemError as error:
         raise file.located(error) from None
@@ -169,8 +166,12 @@ def _read(text: str, file: str | None, path: FilePath | None, overrides: Sequenc
         problem = _assembled(data, system)
     except InvalidProblemError as error:
         raise place.error([error, *error.others]) from None
-    doubts = [*fitted, *_doubts(data, problem, document.data)]
-    return ProblemFile(data, shown, path, problem, doubts, place)
+    doubted = [
+        *fitted,
+        *doubts(problem, data.solvers.jacobian.tolerance, document.data),
+        *_without_effect(data),
+    ]
+    return ProblemFile(data, shown, path, problem, doubted, place)
 
 
 def _named(text: str, name: str, null: bool) -> str:
@@ -229,54 +230,13 @@ def _as_written(path: str, order: Sequence[int]) -> str:
 
 
 def _failing(system: System, error: Exception) -> InvalidProblemError:
-    fault = f"the equations of {system.model} fail at the start: {words(error)}"
+    fault = f"the equations of {system.model} fail at the start: {one_line(error)}"
     return InvalidProblemError(fault, path="system.model")
 
 
-def _try_out(problem: PlanningProblem) -> None:
-    """Asks a system from elsewhere for its velocity, in numbers and in symbols, before any solver does."""
-    from nhpocp.systems.numeric import numeric_system
-
-    system, point, control = problem.system, problem.start_point, np.ones(problem.system.input_space.size)
-    try:
-        velocity = np.asarray(system.velocity(point, control), dtype=float)
-        rate = np.array(numeric_system(system).rate_function(point, control)).ravel()
-        shape = velocity.shape
-        agree = shape == (system.state_space.dimension,) and np.allclose(
-            rate, np.asarray(system.state_space.lift(point, velocity)), equal_nan=True
-        )
-    except Exception as error:
-        raise _failing(system, error) from error
-    if not agree:  # float() of a CasADi symbol is NaN and no error
-        fault = (
-            f"the velocity of {system.model} at the start is {velocity} in NumPy's numbers, but CasADi's expressions "
-            f"give the rate {rate}; expected the same, {system.state_space.dimension} numbers of velocity"
-        )
-        raise InvalidProblemError(fault, path="system.model")
-
-
-def _doubts(
-    data: ProblemData, problem: PlanningProblem, raw: dict[str, Any]
-) -> Iterator[InvalidProblemError]:
-    """What is legal and hardly meant."""
-    start, goal, order = problem.start, problem.goal, via_order(data)
-    if problem.system.driftless and all(
-        name in start and np.allclose(goal[name], start[name], 1e-12, 1e-12) for name in goal
-    ):
-        words = "the same as start; the shortest plan is to stand still"
-        yield InvalidProblemError(words, path="goal", at_key=True)
-    for pose, report in broken_poses(problem):
-        verb = {"start": "begin", "goal": "end"}.get(pose, "pass")
-        words = f"{report.name} is {report.value:.4g}, {report.limit_words()}; no plan can {verb} there"
-        yield InvalidProblemError(words, path=_as_written(pose, order), at_key=True)
-    poses = [start, *(via.goal for via in problem.via), goal]
-    if words := coarse(problem.scales, poses, data.error_length, data.solvers.jacobian.tolerance):
-        yield InvalidProblemError(words, path="error_length", at_key=True)
-    yield from probable_degrees(raw, problem.system)
+def _without_effect(data: ProblemData) -> Iterator[InvalidProblemError]:
+    """Settings of a solver that it makes no use of as it is."""
     jacobian = data.solvers.jacobian
     if jacobian.step_rule == "auto" and jacobian.gamma != type(jacobian).model_fields["gamma"].default:
         words = f"{jacobian.gamma:g} does nothing, for step_rule is auto; with euler it is the γ of (17)"
         yield InvalidProblemError(words, path="solvers.jacobian.gamma", at_key=True)
-    if data.objective == "time" and not problem.horizon.free:
-        words = "time is fixed by horizon; write horizon: {min: …, max: …} to free it"
-        yield InvalidProblemError(words, path="objective", at_key=True)

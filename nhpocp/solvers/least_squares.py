@@ -8,6 +8,7 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from nhpocp import declared
+from nhpocp.constructed import Constructed
 from nhpocp.solvers.settings import SolverSettings
 
 if TYPE_CHECKING:
@@ -33,8 +34,12 @@ class LeastSquaresSettings(SolverSettings):
 
 
 @dataclass(frozen=True)
-class LeastSquares:
-    """Solver: min |e(Λ)|² by a trust region, e as in [Paper] eq. (8); it knows of no bounds and lowers no cost."""
+class LeastSquares(Constructed):
+    """Solver: min |e(Λ)|² by a trust region, e as in [Paper] eq. (8); it knows of no bounds and lowers no cost.
+
+    given: a `LeastSquaresSettings`. kernels: `Interpreted()`, `Compiled()` or `CompiledWhenReady()`, the default.
+    Errors: `InvalidProblemError` for settings out of their limits.
+    """
 
     given: LeastSquaresSettings
     kernels: Kernels | None = None

@@ -2,34 +2,36 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar
 
 import numpy as np
 
 from nhpocp.arrays import Array, norm
+from nhpocp.constructed import Constructed
 from nhpocp.controls.basis import ControlBasis
 from nhpocp.controls.table import Gram
 from nhpocp.errors import InvalidProblemError
 
 
-class Metric(Protocol):
+class Metric(Constructed):
     """An inner product on the coefficients λ."""
 
     kind: ClassVar[str]
 
+    @abstractmethod
     def factor(self, basis: ControlBasis, inputs: int, horizon: float) -> Array:
         """L (size·inputs, square) with ⟨λ, λ⟩ = |Lᵀ λ|²."""
-        ...
 
+    @abstractmethod
     def root(self, basis: ControlBasis, inputs: int, horizon: float) -> tuple[Array, Gram | None]:
         """A (inputs, square) and a matrix with L = A ⊗ its lower root; None: the identity."""
-        ...
 
+    @abstractmethod
     def unit(self, inputs: Array, horizon: float) -> Array:
         """√⟨λ, λ⟩ of a natural control, whose inputs are of these sizes: one, or one for each input."""
-        ...
 
 
 @dataclass(frozen=True)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from nhpocp.constructed import Constructed
+from nhpocp.declared import check
 from nhpocp.family import Family
 
 if TYPE_CHECKING:
@@ -22,13 +24,16 @@ KERNELS: Family[type[Any]] = Family(
 )
 
 
-class SolverSettings(ABC):
+class SolverSettings(Constructed):
     """A frozen dataclass of `declared` fields; its module imports nothing heavy, for `check` reads it.
 
     meaning: what the solver is, in a few words.
     """
 
     meaning: ClassVar[str]
+
+    def __post_init__(self) -> None:
+        check(self)
 
     @abstractmethod
     def solver(self, kernels: Kernels | None, others: Mapping[str, Solver]) -> Solver:

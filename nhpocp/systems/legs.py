@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from math import hypot, isfinite
+from numbers import Real
 from typing import Any
 
 from nhpocp.arrays import Array, cross, namespace, norm, unit
-from nhpocp.errors import InvalidProblemError
+from nhpocp.constructed import Constructed
+from nhpocp.errors import InvalidProblemError, describe, expect
 from nhpocp.systems.joints import (
     BASE_JOINTS,
     BaseJoint,
@@ -28,8 +30,11 @@ MIDDLE: Vector3 = (0.0, 1.0, 0.0)  # w2 = w3: the universal joints of an ordinar
 
 
 @dataclass(frozen=True)
-class Leg:
-    """One leg as built: joint centres a (base) and b̂ (platform coordinates), and the directions of its joints.
+class Leg(Constructed):
+    """One leg as built: two joints, and what there is between them.
+
+    base, platform: the joints' centres a in base and b̂ in platform coordinates, (3,) [length]. joint: at the base,
+    veselova, suslov, universal or spherical.
 
     r: about which the base joint cannot turn; of the veselova joint in base coordinates, of the suslov joint along
     g, w3, g × w3. w1, w2: axes of an ordinary universal base joint, in base coordinates and along g, w3, g × w3 (if
@@ -37,6 +42,7 @@ class Leg:
     spherical. Directions become unit vectors. length: None for a prismatic leg, "fixed" for a bar as long as at the
     start, a number for a bar of that length [length], 0 where the base joint holds the platform itself (suslov r and
     w2 then in platform coordinates). actuated: whether a motor drives the length; of a prismatic leg, unless said.
+    Errors: `InvalidProblemError` naming what does not go together.
     """
 
     base: Vector3
@@ -65,7 +71,11 @@ class Leg:
             if self.length != "fixed":
                 raise _bad(f"length {self.length!r} of a leg; expected fixed, or a number >= 0")
         elif self.length is not None:
-            if isinstance(self.length, bool) or not (isfinite(self.length) and self.length >= 0):
+            if (
+                isinstance(self.length, bool)
+                or not isinstance(self.length, Real)
+                or not (isfinite(self.length) and self.length >= 0)
+            ):
                 raise _bad(f"length {self.length!r} of a leg; expected fixed, or a number >= 0")
             object.__setattr__(self, "length", float(self.length))
         if self.actuated and self.length is not None:
@@ -180,8 +190,20 @@ class Leg:
         return cls(**{FIELDS.get(key, key): value for key, value in leg.items()})
 
 
+def several(legs: Any) -> list[Leg | Mapping[str, Any]]:
+    """Legs as they are given. Errors: `InvalidProblemError` for what is no list of them."""
+    if isinstance(legs, Leg | Mapping | str) or not isinstance(legs, Sequence):
+        raise _bad(f"expected a list of legs, got {describe(legs)}")
+    for leg in legs:
+        expect(leg, (Leg, Mapping), "a leg, such as Leg(base=…, platform=…) or {'base': …}", "system.legs")
+    return list(legs)
+
+
 def _vector(name: str, given: Any, is_direction: bool) -> Vector3:
-    values = tuple(float(value) for value in given)
+    given = given.tolist() if hasattr(given, "tolist") else given
+    if not isinstance(given, list | tuple):
+        raise _bad(f"{name} of a leg: expected 3 numbers, got {describe(given)}")
+    values = tuple(_number(name, value) for value in given)
     if len(values) != 3:
         raise _bad(f"{name} of a leg has {len(values)} numbers; expected 3")
     if not all(isfinite(value) for value in values):
@@ -193,6 +215,12 @@ def _vector(name: str, given: Any, is_direction: bool) -> Vector3:
         if abs(length - 1) > 1e-15:  # else as it came: parameters() must round-trip exactly
             values = tuple(value / length for value in values)
     return (values[0], values[1], values[2])
+
+
+def _number(name: str, value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, Real):
+        raise _bad(f"{name} of a leg: expected 3 numbers, got {describe(value)} among them")
+    return float(value)
 
 
 def _bad(message: str) -> InvalidProblemError:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from nhpocp.arrays import Array
-from nhpocp.errors import InvalidProblemError
+from nhpocp.errors import CallError, InvalidProblemError, describe, expect
 from nhpocp.singular_values import svd
 from nhpocp.systems.parallel_robot import ParallelRobot
 
@@ -46,10 +46,16 @@ class Mobility:
 
 
 def mobility(robot: ParallelRobot, state: Array) -> Mobility:
-    """The mobility of a parallel robot at a packed state.
+    """What a parallel robot can do at a pose: its constraints counted, and what manoeuvres reach.
 
-    Errors: `InvalidProblemError` where the rows of its constraints are not finite.
+    robot: a `ParallelRobot`, such as `ThreeUPU()`. state: a packed pose (12,), position [length] and the nine numbers
+    of the rotation row by row, as `problem.start_point`. The answer's `lines()` say it in sentences.
+    Errors: `InvalidProblemError` where the rows of its constraints are not finite, `CallError` for another state.
     """
+    expect(robot, ParallelRobot, "a ParallelRobot", "robot")
+    if np.shape(state) != (robot.state_space.size,):
+        words = f"expected a packed state of {robot.state_space.size} numbers, got {describe(state)}"
+        raise CallError(words, path="state")
     blocks, scale = robot.kinematics(state), robot.default_length_scale()
     rows = np.hstack([blocks.S * scale, blocks.J])  # on (ṗ/scale, ω)
     rows = rows / np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), np.finfo(float).tiny)

@@ -11,7 +11,7 @@ from nhpocp.arrays import Array, cross, namespace, symbolic
 from nhpocp.errors import InvalidProblemError
 from nhpocp.state_space import Block, StateSpace, direction, rotation, vector
 from nhpocp.systems.joints import BASE_JOINTS, LegPose, Row
-from nhpocp.systems.legs import FIELDS, Leg
+from nhpocp.systems.legs import FIELDS, Leg, several
 from nhpocp.systems.solids import ball, rod, roller
 from nhpocp.systems.system import Parameter, System
 
@@ -140,7 +140,7 @@ class ParallelRobot(System):
 
     def __init__(self, legs: Sequence[Leg | Mapping[str, Any]] | None = None) -> None:
         given = self.presets["mixed"]["legs"] if legs is None else legs
-        self._set_legs([_numbered(i, leg) for i, leg in enumerate(given, 1)])
+        self._set_legs([_numbered(i, leg) for i, leg in enumerate(several(given), 1)])
         self.input_space = StateSpace([vector("u", self.motors, "length")])
 
     def _set_legs(self, legs: Sequence[Leg]) -> None:

@@ -6,19 +6,27 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from inspect import Parameter as SignatureParameter
 from inspect import signature
-from math import isfinite
 from typing import Any, ClassVar, Literal, Self
 
 from nhpocp.arrays import Array, namespace, symbolic
-from nhpocp.errors import InvalidProblemError
-from nhpocp.frozen import Frozen
+from nhpocp.constructed import add_to_manual
+from nhpocp.declared import real
+from nhpocp.errors import CallError, InvalidProblemError, describe, expect, suggestion
+from nhpocp.frozen import Frozen, as_value
 from nhpocp.state_space import UNIT_WORDS, Block, StateSpace, Unit, check_distinct
 from nhpocp.systems.margins import margin
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """A parameter as a user writes it: what kind of value, its default, what it means."""
+    """A parameter of a system as a user writes it: what kind of value, its default, what it means.
+
+    kind: "number", "positive", "integer", "numbers", "vector" (3,), "flag", "choice", … default: its value where none
+    is given; ... where one has to be. meaning: a few words, without the unit. choices: of a "choice". unit: "length",
+    "angle" [rad], or "" for none. replaces: names of parameters that it stands for. keys: the parameters of each of
+    several mappings, such as legs. Raises nothing; `checked(name, value)` raises `InvalidProblemError` for a value that
+    is none.
+    """
 
     kind: Literal[
         "number",
@@ -52,9 +60,18 @@ class Parameter:
                     f"{value!r} is none of {', '.join(self.choices)}", path=f"system.{name}"
                 )
             return value
-        if self.kind == "numbers":
-            return tuple(_number(name, entry) for entry in value)
-        number = _number(name, value)
+        path = f"system.{name}"
+        if self.kind == "flag":
+            if value not in (True, False):
+                raise InvalidProblemError(f"expected True or False, got {describe(value)}", path=path)
+            return bool(value)
+        if self.kind in ("numbers", "vector"):
+            entries = value.tolist() if hasattr(value, "tolist") else value
+            if not isinstance(entries, list | tuple) or (self.kind == "vector" and len(entries) != 3):
+                wanted = "3 numbers" if self.kind == "vector" else "a list of numbers"
+                raise InvalidProblemError(f"expected {wanted}, got {describe(value)}", path=path)
+            return tuple(real(entry, path) for entry in entries)
+        number = real(value, path)
         if self.kind == "positive" and not number > 0:
             raise InvalidProblemError(f"{number:g}; expected a number > 0", path=f"system.{name}")
         if self.kind != "integer":
@@ -62,12 +79,6 @@ class Parameter:
         if number != int(number):
             raise InvalidProblemError(f"{number:g}; expected a whole number", path=f"system.{name}")
         return int(number)
-
-
-def _number(name: str, value: Any) -> float:
-    if isinstance(value, bool | str) or not isfinite(number := float(value)):
-        raise InvalidProblemError(f"{value!r}; expected a finite number", path=f"system.{name}")
-    return number
 
 
 _COLLECTED = SignatureParameter.VAR_POSITIONAL, SignatureParameter.VAR_KEYWORD
@@ -117,9 +128,22 @@ class System(Frozen):
     state_space: StateSpace
     input_space: StateSpace
 
+    def __init_subclass__(cls, **more: Any) -> None:
+        super().__init_subclass__(**more)
+        if "declared" in vars(cls) and cls.__doc__:
+            lines = [
+                f"{name}: {', '.join([parameter.described, *parameter.choices])}"
+                for name, parameter in cls.declared.items()
+            ]
+            lines += [f"Presets: {', '.join(cls.presets)}"] if cls.presets else []
+            add_to_manual(cls, lines, "a parameter that it does not have, or a value that is none")
+
     @classmethod
     def preset(cls, name: str, **parameters: Any) -> Self:
         """The system with a named set of parameters; further parameters override it."""
+        if name not in cls.presets:
+            near = suggestion(str(name), cls.presets) if cls.presets else f"{cls.model} has no presets"
+            raise InvalidProblemError(f"unknown preset {name!r}; {near}", path="system.preset")
         return cls(**{**cls.presets[name], **parameters})
 
     def __init__(self, **parameters: Any) -> None:
@@ -137,6 +161,12 @@ class System(Frozen):
             setattr(self, name, parameter.checked(name, parameters.get(name, parameter.default)))
 
     def _freeze(self) -> None:
+        name = f"{type(self).__module__}.{type(self).__qualname__}"
+        for part in ("state_space", "input_space"):
+            if not isinstance(getattr(self, part, None), StateSpace):
+                example = "StateSpace([vector('position', 3, 'length')])"
+                raise CallError(f"{name} has no {part}; expected a StateSpace, such as {example}")
+        expect(getattr(self, "model", None), str, f"a name as `model` of {name}")
         check_names(
             [
                 *(("state", block) for block in _blocks(self, "state_space")),
@@ -212,6 +242,12 @@ class System(Frozen):
     def outputs(self, state: Array, control: Array) -> dict[str, Array]:
         """Named quantities worth plotting or bounding, besides states and inputs."""
         return {}
+
+    @property
+    def comparable(self) -> tuple[Any, ...]:
+        """What equals that of another system with the same equations: the class, its parameters and spaces."""
+        parameters = sorted(self.parameters().items())
+        return type(self), as_value(parameters), self.state_space, self.input_space
 
     @property
     def pose_outputs(self) -> tuple[Block, ...]:

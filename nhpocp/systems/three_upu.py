@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from math import cos, hypot, isfinite, pi, sin
+from math import cos, hypot, pi, sin
 from typing import Any, ClassVar
 
 from nhpocp.arrays import Array, dot, namespace, solve_3x3, symbolic
 from nhpocp.errors import InvalidProblemError
 from nhpocp.state_space import StateSpace, matrix, vector
 from nhpocp.systems.joints import Vector3
-from nhpocp.systems.legs import Leg
+from nhpocp.systems.legs import Leg, several
 from nhpocp.systems.parallel_robot import ParallelRobot, leg_data
 from nhpocp.systems.system import Parameter
 
@@ -98,24 +98,19 @@ class ThreeUPU(ParallelRobot):
         legs: Sequence[Leg | Mapping[str, Any]] | None = None,
         form: str = "feedback",
     ) -> None:
-        for name, value in (("platform_axis", platform_axis), ("joint", joint), ("form", form)):
-            if value not in self.declared[name].choices:
-                raise InvalidProblemError(
-                    f"{value!r} is none of {', '.join(self.declared[name].choices)}", path=f"system.{name}"
-                )
-        self._shape: dict[str, Any] = {
-            "base_radius": float(base_radius),
-            "platform_radius": float(platform_radius),
-            "roller_tilt": float(roller_tilt),
+        shape = {
+            "base_radius": base_radius,
+            "platform_radius": platform_radius,
+            "roller_tilt": roller_tilt,
             "platform_axis": platform_axis,
             "joint": joint,
         }
-        for name, value in self._shape.items():
-            if isinstance(value, float) and not isfinite(value):
-                raise InvalidProblemError(f"{value:g}; expected a finite number", path=f"system.{name}")
-        self.form = form
+        self._shape: dict[str, Any] = {
+            name: self.declared[name].checked(name, value) for name, value in shape.items()
+        }
+        self.form: str = self.declared["form"].checked("form", form)
         self._explicit = legs is not None
-        built = [_leg(leg) for leg in legs] if legs is not None else _symmetric_legs(**self._shape)
+        built = [_leg(leg) for leg in several(legs)] if legs is not None else _symmetric_legs(**self._shape)
         if len(built) != 3:
             raise InvalidProblemError(f"{len(built)} legs; the 3-ŬPU robot has 3", path="system.legs")
         self._set_legs(built)

@@ -20,6 +20,7 @@ from nhpocp.cli.entry import status
 from nhpocp.outcome import Outcome
 from nhpocp.solution_folder import load_solution
 from nhpocp.views import figures
+from tests.test_comparison import here
 
 PROBLEMS = Path(__file__).parents[2] / "problems"
 FAST = ["--set", "solvers.jacobian.gamma=1", "--set", "output.pictures=false"]
@@ -53,7 +54,7 @@ def test_solve_json_is_one_document(solved):
 
 
 def test_solve_writes_under_results_by_default(tmp_path):
-    done = run("solve", PROBLEMS / "paper.yaml", *FAST, "--set", "name=mine", cwd=tmp_path)
+    done = here("solve", PROBLEMS / "paper.yaml", *FAST, "--set", "name=mine", cwd=tmp_path)
     assert done.returncode == 0
     assert "converged" in done.stdout
     assert (tmp_path / "results" / "mine" / "jacobian" / "solution.json").exists()
@@ -61,7 +62,7 @@ def test_solve_writes_under_results_by_default(tmp_path):
 
 @pytest.mark.parametrize("gamma", [0.1, 0.5])
 def test_the_papers_evaluations(gamma, tmp_path):
-    done = run(
+    done = here(
         *("solve", PROBLEMS / "paper.yaml", "--set", f"solvers.jacobian.gamma={gamma}"),
         *("--set", "output.pictures=false", "--json"),
         cwd=tmp_path,
@@ -71,7 +72,7 @@ def test_the_papers_evaluations(gamma, tmp_path):
 
 def test_paper_conjecture_reports_its_crossings(tmp_path):
     """[physics §2]: det W = 0 at yaw -62.0° (t ≈ .540) and -77.7° (t ≈ .852); (3) stops at the first."""
-    done = run(
+    done = here(
         "solve", PROBLEMS / "paper_conjecture.yaml", "--set", "output.pictures=false", "--json", cwd=tmp_path
     )
     data = json.loads(done.stdout)
@@ -86,7 +87,7 @@ def test_paper_conjecture_reports_its_crossings(tmp_path):
 
 
 def test_failure_is_written_and_exits_1(tmp_path):
-    done = run(
+    done = here(
         *("solve", PROBLEMS / "paper.yaml", "--set", "solvers.jacobian.max_iterations=2"),
         *("--set", "output.pictures=false", "-o", "out"),
         cwd=tmp_path,
@@ -135,7 +136,7 @@ def test_unusable_arguments_exit_2(tmp_path):
         ["sovle", "x"],
         ["solve", "x.yaml", "--solver", "magic"],
     ):
-        done = run(*arguments, "--json", cwd=tmp_path)
+        done = here(*arguments, "--json", cwd=tmp_path)
         assert done.returncode == 2, arguments
         assert json.loads(done.stdout)["error"]["message"]
         assert "Traceback" not in done.stderr
@@ -143,21 +144,21 @@ def test_unusable_arguments_exit_2(tmp_path):
 
 def test_a_foreign_folder_is_left_alone(tmp_path):
     (tmp_path / "thesis.tex").write_text("years of work")
-    done = run("solve", PROBLEMS / "paper.yaml", *FAST, "-o", tmp_path, cwd=tmp_path)
+    done = here("solve", PROBLEMS / "paper.yaml", *FAST, "-o", tmp_path, cwd=tmp_path)
     assert done.returncode == 2
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
 
 
 @pytest.mark.skipif(not Path("/proc").is_dir(), reason="needs a folder that not even root may write")
 def test_unwritable_folder(tmp_path):
-    done = run("solve", PROBLEMS / "paper.yaml", *FAST, "-o", "/proc/nhpocp/out", cwd=tmp_path)
+    done = here("solve", PROBLEMS / "paper.yaml", *FAST, "-o", "/proc/nhpocp/out", cwd=tmp_path)
     assert done.returncode == 2
     assert "/proc/nhpocp/out: cannot write here" in done.stderr
 
 
 def test_folder_below_a_file_exits_2(tmp_path):
     (tmp_path / "file").write_text("")
-    done = run("solve", PROBLEMS / "paper.yaml", *FAST, "-o", "file/out", cwd=tmp_path)
+    done = here("solve", PROBLEMS / "paper.yaml", *FAST, "-o", "file/out", cwd=tmp_path)
     assert done.returncode == 2
     assert "cannot write here" in done.stderr
 
@@ -213,8 +214,8 @@ def test_a_report_needs_neither_times_nor_a_verdict(solved, capsys):
 
 def test_verify_confirms_and_refutes(solved, tmp_path):
     folder, _ = solved
-    assert run("verify", folder, cwd=tmp_path).returncode == 0
-    data = json.loads(run("verify", folder, "--json", cwd=tmp_path).stdout)
+    assert here("verify", folder, cwd=tmp_path).returncode == 0
+    data = json.loads(here("verify", folder, "--json", cwd=tmp_path).stdout)
     assert data["verified"]["ok"] is True
     forged = tmp_path / "forged"
     forged.mkdir()
@@ -223,10 +224,10 @@ def test_verify_confirms_and_refutes(solved, tmp_path):
     solution = json.loads((forged / "solution.json").read_text())
     solution["control"]["coefficients"][2][0] += 1e-2
     (forged / "solution.json").write_text(json.dumps(solution))
-    done = run("verify", forged, cwd=tmp_path)
+    done = here("verify", forged, cwd=tmp_path)
     assert done.returncode == 1
     assert "refuted" in done.stdout
-    assert run("verify", tmp_path, cwd=tmp_path).returncode == 2
+    assert here("verify", tmp_path, cwd=tmp_path).returncode == 2
 
 
 def test_what_is_no_solution_folder_is_said_and_what_may_be_meant(solved, tmp_path, capsys):
@@ -265,7 +266,7 @@ def test_damaged_folders_exit_2(verb, solved, tmp_path, capsys):
 
 def test_plot_draws_into_the_folder(solved, tmp_path):
     folder, _ = solved
-    done = run("plot", folder, "--json", cwd=tmp_path)
+    done = here("plot", folder, "--json", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     pictures = json.loads(done.stdout)["pictures"]
     assert len(pictures) >= 5
@@ -276,7 +277,7 @@ def test_plot_without_room_exits_2(solved, tmp_path):
     folder = Path(shutil.copytree(solved[0], tmp_path / "copy"))
     (folder / "controls.svg").unlink(missing_ok=True)
     (folder / "controls.svg").mkdir()
-    done = run("plot", folder, "--json", cwd=tmp_path)
+    done = here("plot", folder, "--json", cwd=tmp_path)
     assert done.returncode == 2
     assert json.loads(done.stdout)["error"]["message"] == "cannot write here: Is a directory"
     assert done.stderr == f"{folder}: cannot write here: Is a directory\n"
@@ -375,11 +376,11 @@ def test_what_is_missing_is_said_in_a_terminal_too(monkeypatch, tmp_path, capsys
 def test_check_names_every_file(tmp_path):
     bad = tmp_path / "bad.yaml"
     bad.write_text("nhpocp: 1\n")
-    done = run("check", *sorted(PROBLEMS.glob("*.yaml")), bad, cwd=tmp_path)
+    done = here("check", *sorted(PROBLEMS.glob("*.yaml")), bad, cwd=tmp_path)
     assert done.returncode == 2
     assert "paper.yaml: ok" in done.stdout
     assert "bad.yaml" in done.stderr
-    filled = json.loads(run("check", PROBLEMS / "paper.yaml", "--json", cwd=tmp_path).stdout)
+    filled = json.loads(here("check", PROBLEMS / "paper.yaml", "--json", cwd=tmp_path).stdout)
     assert filled["problem"]["solvers"]["jacobian"]["integrator"] == "rk4"
 
 
@@ -426,21 +427,21 @@ def test_a_goal_out_of_the_legs_reach_is_warned_of_and_infeasible(tmp_path, caps
 
 
 def test_init_writes_a_file_that_checks(tmp_path):
-    assert run("init", "mine.yaml", cwd=tmp_path).returncode == 0
-    assert run("check", "mine.yaml", cwd=tmp_path).returncode == 0
-    again = run("init", "mine.yaml", cwd=tmp_path)
+    assert here("init", "mine.yaml", cwd=tmp_path).returncode == 0
+    assert here("check", "mine.yaml", cwd=tmp_path).returncode == 0
+    again = here("init", "mine.yaml", cwd=tmp_path)
     assert again.returncode == 2
     assert "left alone" in again.stderr
 
 
 def test_systems_schema_doctor(tmp_path):
-    systems = json.loads(run("systems", "--json", cwd=tmp_path).stdout)
+    systems = json.loads(here("systems", "--json", cwd=tmp_path).stdout)
     assert "base_radius" in systems["three_upu"]["defaults"]
-    assert "three_upu" in run("systems", cwd=tmp_path).stdout
-    schema = run("schema", cwd=tmp_path).stdout
+    assert "three_upu" in here("systems", cwd=tmp_path).stdout
+    schema = here("schema", cwd=tmp_path).stdout
     assert json.loads(schema)["type"] == "object"
-    assert run("schema", "--json", cwd=tmp_path).stdout == schema
-    doctor = json.loads(run("doctor", "--json", cwd=tmp_path).stdout)
+    assert here("schema", "--json", cwd=tmp_path).stdout == schema
+    doctor = json.loads(here("doctor", "--json", cwd=tmp_path).stdout)
     assert "ipopt" in doctor["nlp solvers"]
     assert doctor["casadi"]
 
@@ -542,13 +543,13 @@ needs_proc = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="re
 @needs_proc
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupted_solve_leaves_a_readable_folder(number, tmp_path):
-    """Slow on purpose: γ = 1e-4 would need 100 000 updates. By 4 s of processor time the imports are over."""
-    code, messages = interrupted(tmp_path, 4, *SLOW, "--set", "output.pictures=false", number=number)
+    """Slow on purpose: γ = 1e-4 would need 100 000 updates. By 2.5 s of processor time the imports are over."""
+    code, messages = interrupted(tmp_path, 2.5, *SLOW, "--set", "output.pictures=false", number=number)
     assert code == 1, messages
     data = json.loads((tmp_path / "out" / "solution.json").read_text())
     assert data["outcome"] == "interrupted"
     assert data["evaluations"] > 1
-    assert run("verify", "out", cwd=tmp_path).returncode == 1
+    assert here("verify", "out", cwd=tmp_path).returncode == 1
 
 
 @needs_proc

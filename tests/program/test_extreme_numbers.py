@@ -13,11 +13,14 @@ from nhpocp.analysis import analyze, slices
 from nhpocp.analysis.analysis import PathAnalysis
 from nhpocp.analysis.growth import Growth
 from nhpocp.cli.analyzing import _path_lines
+from nhpocp.cli.entry import status
 from nhpocp.controls.fourier import Fourier
 from nhpocp.errors import InvalidProblemError
+from nhpocp.objectives.registry import OBJECTIVES
 from nhpocp.outcome import Outcome
 from nhpocp.problem import Horizon, PlanningProblem
 from nhpocp.problem_file import load_problem
+from nhpocp.scales import Scales
 from nhpocp.solution import Crossing
 from nhpocp.solution_folder import plain
 from nhpocp.verification.crossings import MOST, sign_changes, touches
@@ -59,6 +62,20 @@ def test_speeds_that_are_no_numbers_are_not_finite(solver):
     plan = nhpocp.solve(problem, problem.solvers[solver])
     assert plan.outcome is Outcome.NOT_FINITE
     assert "speeds of about inf" in plan.message
+
+
+def test_no_control_is_drawn_whose_derivatives_overflow(tmp_path):
+    """`initial: auto` with lengths of 1e155, which make the drawn controls' Jacobians infinite."""
+    changes = ("goal.x=1e155", "control.initial=auto", "output.pictures=false")
+    options = [word for change in changes for word in ("--set", change)]
+    path = str(PROBLEMS / "heisenberg.yaml")
+    assert status(["solve", path, *options, "-o", str(tmp_path / "plan")]) == 1
+
+
+def test_units_of_costs_overflow_in_silence():
+    huge = Scales(Integrators(), length=1e200, time=1.0, number=1e200, radius=1e200)
+    for objective in OBJECTIVES.values():
+        assert objective.scale(huge) > 0
 
 
 @pytest.mark.parametrize("value", [1e-160, 1e-300])

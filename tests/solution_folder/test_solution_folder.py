@@ -51,9 +51,9 @@ def solution():
     return planning.solve(paper_problem(name="paper", bounds=BOUNDS), Continuation(step_rule=Euler(1.0)))
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def failed():
-    start = 5000 * PAPER_START  # far beyond what the integration can follow
+    start = 40 * PAPER_START  # far beyond what the integration can follow
     return planning.solve(paper_problem("vertical_equal", initial=start), Continuation())
 
 
@@ -638,10 +638,10 @@ def test_plain_makes_strict_json():
 @pytest.mark.parametrize("packing", [zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
 @pytest.mark.parametrize("honest", [True, False])
 def test_arrays_that_unpack_to_more_than_the_trajectory_are_refused_first(folder, packing, honest):
-    """100 MB in few bytes, its directory saying so or not."""
+    """40 MB in few bytes, its directory saying so or not."""
     with zipfile.ZipFile(folder / "arrays.npz", "a", packing) as archive:
         with archive.open("y.npy" if honest else "x.npy", "w", force_zip64=True) as member:
-            for _ in range(100):
+            for _ in range(40):
                 member.write(bytes(10**6))
         if not honest:
             archive.getinfo("x.npy").file_size = 80

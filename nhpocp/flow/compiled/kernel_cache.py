@@ -42,7 +42,7 @@ class Recipe(NamedTuple, Generic[K]):
     identity: Callable[[], str]  # all that the C text depends on, cheap to say
     source: Callable[[], str]  # that text, or `NotCompilableError`
     loaded: Callable[[Path], K]  # the kernel of a file, `OSError` or `AttributeError` where it is none
-    agrees: Callable[[K], bool]  # whether it says what CasADi says
+    agrees: Callable[[K], bool | None]  # whether it says what CasADi says; None where that cannot be told
 
 
 class Place(Generic[K]):
@@ -163,8 +163,11 @@ class Place(Generic[K]):
                 path.unlink()
             self._give_up(f"the kernel {path} cannot be loaded and was removed ({error})")
             return
-        if recipe.agrees(kernel):
+        agrees = recipe.agrees(kernel)
+        if agrees:
             self.kernel = kernel
+        elif agrees is None:
+            self._give_up(f"the kernel {path} cannot be tried on numbers that overflow")
         else:
             with suppress(OSError):
                 path.unlink()
@@ -175,17 +178,19 @@ class Place(Generic[K]):
         notice(f"{why}: CasADi's own evaluation is used, slower")
 
 
-def agree(compiled: Sequence[Array], expected: Sequence[Array], nearby: Sequence[Array]) -> bool:
-    """Whether a kernel's numbers are CasADi's up to rounding.
+def agree(compiled: Sequence[Array], expected: Sequence[Array], nearby: Sequence[Array]) -> bool | None:
+    """Whether a kernel's numbers are CasADi's up to rounding; None where CasADi's overflow and theirs do otherwise.
 
     ``nearby``: CasADi's numbers where what it is given is `nudged`. Large terms that all but cancel, as in the gaps of
     a solved path, leave rounding that is large beside the result; it is small beside what the nudge makes of it.
     """
     with np.errstate(all="ignore"):
-        return all(
+        close = all(
             np.allclose(a, b, rtol=0.0, atol=CLOSE * _largest(b) + _largest(c - b), equal_nan=True)
             for a, b, c in zip(compiled, expected, nearby, strict=True)
         )
+    # a sum in another order may be ∞ - ∞ where CasADi's is not
+    return close or (False if all(np.isfinite(b).all() for b in (*expected, *nearby)) else None)
 
 
 def _largest(numbers: Array) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
@@ -13,6 +13,7 @@ from typing import TypeVar
 from weakref import proxy
 
 from nhpocp.arrays import Array
+from nhpocp.constructed import Constructed
 from nhpocp.flow.compiled import shot_source, sweep_source
 from nhpocp.flow.compiled.c_functions import LANES
 from nhpocp.flow.compiled.kernel_cache import Place, Recipe, agree, nudged
@@ -30,7 +31,7 @@ R = TypeVar("R")
 Trial = Callable[[], tuple[Array, Array]]
 
 
-class Kernels(ABC):
+class Kernels(Constructed):
     """How sweeps and the intervals of an NLP are evaluated; when by a kernel is for a subclass to say."""
 
     @abstractmethod
@@ -99,6 +100,7 @@ class CompiledWhenReady(Kernels):
     The cache is asked when CasADi's evaluation has cost ``patience`` seconds or is about to, some six times as long as
     asking takes, which is all that a run can lose. What is not there is then built by a process of its own, at the
     lowest priority, and taken when later work finds it. NHPOCP_COMPILE=never in the environment switches this off.
+    patience: in seconds [time of the clock]. Raises nothing: what cannot be compiled is evaluated by CasADi.
     """
 
     patience: float = 0.15
@@ -113,7 +115,7 @@ class CompiledWhenReady(Kernels):
 def _recipe(scheme: Scheme, start: Array, grid: Grid, coefficients: Array) -> Recipe[SweepKernel]:
     """Of the kernel of sweeps, tried on short ones, abreast and alone, under controls near the given one."""
 
-    def agrees(kernel: SweepKernel) -> bool:
+    def agrees(kernel: SweepKernel) -> bool | None:
         trial = Bundle.trial(start, grid.first(TRIED_STEPS), coefficients, LANES + 1)
         nearby = trial._replace(start=nudged(trial.start), coefficients=nudged(trial.coefficients))
         return agree(kernel.bundled(trial), scheme.bundled(trial), scheme.bundled(nearby))

@@ -110,8 +110,10 @@ class _Called(ca.Callback):
         return 0
 
 
-def tried(kernel: ShotKernel, shot: Shot, w: Array, p: Array) -> bool:
-    """Whether a kernel says what CasADi says near some intervals (k, ·), in all of them along one random direction.
+def tried(kernel: ShotKernel, shot: Shot, w: Array, p: Array) -> bool | None:
+    """Whether a kernel says what CasADi says; None where that cannot be told.
+
+    It is asked near some intervals (k, ·), in all of them along one random direction.
 
     An error in one entry of a matrix shows in the product with a vector that no symmetry has chosen, and one that a
     control of zero would hide shows beside it.

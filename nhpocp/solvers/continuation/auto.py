@@ -10,10 +10,12 @@ from typing import Any, ClassVar
 import numpy as np
 
 from nhpocp.arrays import Array
+from nhpocp.constructed import Constructed
 from nhpocp.controls.control import Control
 from nhpocp.controls.sequence import join, retimed
+from nhpocp.declared import whole_number
 from nhpocp.deferred import Deferred
-from nhpocp.errors import OrientationAtPiError
+from nhpocp.errors import OrientationAtPiError, expect
 from nhpocp.flow.integrators import RungeKutta4
 from nhpocp.interruption import STOPPED, Interruption
 from nhpocp.objectives.registry import OBJECTIVES
@@ -40,7 +42,7 @@ ALIKE = 1e-3  # relative, of two costs
 
 
 @dataclass(frozen=True)
-class Auto:
+class Auto(Constructed):
     """Solver: the adaptive continuation, and what else may reach the goal, in this order.
 
     1. From the problem's own start (a seeded one if that has no full rank). 2. From ``restarts`` seeded starts.
@@ -52,11 +54,17 @@ class Auto:
 
     The search for least cost (`Continuation.objective`) ends in the valley where it begins, and few of them are deep:
     it follows on the first way that reaches the goal, and again from seeded starts until four agree on the least.
+    continuation: the method that every try is made with. restarts: seeded starts.
+    Errors: `InvalidProblemError` for restarts that are no whole number, `CallError` for another method.
     """
 
     continuation: Continuation = field(default_factory=lambda: Continuation(step_rule=Adaptive()))
     restarts: int = 4
     name: ClassVar[str] = "jacobian"
+
+    def __post_init__(self) -> None:
+        expect(self.continuation, Continuation, "a Continuation", "Auto.continuation")
+        whole_number(self.restarts, "Auto.restarts")
 
     @property
     def tolerance(self) -> float:

@@ -13,11 +13,16 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from nhpocp import declared
 from nhpocp.arrays import Array
+from nhpocp.constructed import Constructed
+from nhpocp.declared import check
+from nhpocp.errors import expect
 from nhpocp.flow.end_point_map import DifferentiatedEndPointMap, EndPointMapFactory
 from nhpocp.flow.integrators import Integrator, RungeKutta4
 from nhpocp.flow.step_error import StepError, resolving
 from nhpocp.interruption import STOPPED
+from nhpocp.objectives.registry import costs_of_motion
 from nhpocp.outcome import Outcome
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Progress, Solution
@@ -36,12 +41,13 @@ from nhpocp.solvers.metrics import CoefficientMetric, Coordinates, Metric
 
 
 @dataclass(frozen=True)
-class Continuation:
+class Continuation(Constructed):
     """Solver: drives the end-point error E to zero along (16), one step rule at a time.
 
-    ``sensitivity`` makes the end-point map; the default differentiates the integrator, `VariationalEndPointMap`
-    integrates (11)-(12). ``objective``: once the goal is reached, the cost (a name of `OBJECTIVES`) that motion in the
-    null space of J then minimises. ``tolerance`` is on E [radians; lengths divided by the problem's error_length].
+    step_rule: `Adaptive()`, `Euler(gamma)` as in (17), `Ode(gamma)`, or your own `StepRule`. inverse: `MoorePenrose()`,
+    `Damped()`, `Transpose()` or `Lagrangian()`. metric: the size of a control, `CoefficientMetric()` or `L2Metric()`.
+    integrator: `RungeKutta4(steps)`, `CasadiRungeKutta(steps)` or `Cvodes()`. sensitivity: makes the end-point map; the
+    default differentiates the integrator, `VariationalEndPointMap` integrates (11)-(12).
     """
 
     step_rule: StepRule = field(default_factory=Euler)
@@ -49,11 +55,24 @@ class Continuation:
     metric: Metric = field(default_factory=CoefficientMetric)
     integrator: Integrator = field(default_factory=RungeKutta4)
     sensitivity: EndPointMapFactory = DifferentiatedEndPointMap
-    tolerance: float = 1e-3
-    max_iterations: int = 500
-    objective: str = "none"
-    seed: int = 0
+    tolerance: float = declared.positive(
+        1e-3, "the E [rad] that counts as reached; lengths are divided by the problem's error_length"
+    )
+    max_iterations: int = declared.whole(500, "updates before giving up")
+    objective: str = declared.choice(
+        "none",
+        ["none", *costs_of_motion()],
+        "what motion in the null space of J minimises, or none",
+    )
+    seed: int = declared.whole(0, "of everything random")
     name: ClassVar[str] = "jacobian"
+
+    def __post_init__(self) -> None:
+        check(self)
+        expect(self.step_rule, StepRule, "a step rule such as Adaptive()", "Continuation.step_rule")
+        expect(self.inverse, GeneralizedInverse, "an inverse such as MoorePenrose()", "Continuation.inverse")
+        expect(self.metric, Metric, "a metric such as L2Metric()", "Continuation.metric")
+        expect(self.integrator, Integrator, "an integrator such as RungeKutta4()", "Continuation.integrator")
 
     def settings(self) -> dict[str, Any]:
         return {

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, is_dataclass
 from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
 
 from nhpocp.arrays import Array
+from nhpocp.constructed import Constructed
 from nhpocp.controls.basis import ControlBasis
+from nhpocp.declared import check, positive
 from nhpocp.singular_values import svd
 from nhpocp.solvers.continuation.trust_region import Number, lengths, within_radius
 from nhpocp.solvers.metrics import Coordinates, WeightedMetric, weight_root
@@ -89,11 +91,15 @@ class Direction:
         return fraction * self.step, fraction * self.image
 
 
-class GeneralizedInverse(ABC):
+class GeneralizedInverse(Constructed):
     """J, e ↦ δλ with J δλ ≈ -e; most inverses take the metric that is given."""
 
     kind: ClassVar[str]
     looks_along: ClassVar[bool] = False  # whether `metric` is asked
+
+    def __post_init__(self) -> None:
+        if is_dataclass(self):
+            check(self)
 
     def metric(self, path: LinearisedPath) -> Array | None:
         """The factor, as of a `Metric`, of an inverse that measures δλ by what it does to the whole path; else None."""
@@ -111,7 +117,7 @@ class MoorePenrose(GeneralizedInverse):
     cvodes at 1e-10 and far below the ratio 3e-3 of the paper's start.
     """
 
-    rank_tolerance: float = 1e-8
+    rank_tolerance: float = positive(1e-8, "of singular values that count as zero, over the largest")
     kind: ClassVar[str] = "moore_penrose"
 
     def __call__(self, jacobian: Array, residual: Array, coordinates: Coordinates) -> Direction:
@@ -134,8 +140,8 @@ class Damped(GeneralizedInverse):
     [Nakamura, Hanafusa 1986]. The threshold is that ``fraction`` of the largest singular value.
     """
 
-    fraction: float = 0.02
-    most: float = 0.02
+    fraction: float = positive(0.02, "of the largest singular value: the threshold")
+    most: float = positive(0.02, "the greatest μ")
     kind: ClassVar[str] = "damped"
 
     def __call__(self, jacobian: Array, residual: Array, coordinates: Coordinates) -> Direction:
@@ -179,7 +185,7 @@ class Lagrangian(GeneralizedInverse):
 
     state_weight: Any = 1.0
     control_weight: Any = 1.0
-    rank_tolerance: float = 1e-8
+    rank_tolerance: float = positive(1e-8, "of singular values that count as zero, over the largest")
     kind: ClassVar[str] = "lagrangian"
     looks_along: ClassVar[bool] = True
 

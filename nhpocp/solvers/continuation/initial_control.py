@@ -101,7 +101,11 @@ def _drawn_starts(
         if signs.size and (signs != signs[:, :1]).any():
             yield draw, None
             continue
-        jacobian = EndPointError(problem, end).jacobian * columns
+        with np.errstate(over="ignore"):
+            jacobian = EndPointError(problem, end).jacobian * columns
+        if not np.isfinite(jacobian).all():
+            yield draw, None
+            continue
         values = svd(jacobian, compute_uv=False)
         known = values.size == len(jacobian) and values[0] > 0
         yield draw, Start(coefficients, float(values[-1] / values[0]) if known else 0.0)

@@ -10,6 +10,9 @@ from dataclasses import dataclass, field, replace
 from time import perf_counter
 from typing import Any, ClassVar
 
+from nhpocp.constructed import Constructed
+from nhpocp.declared import check, count
+from nhpocp.errors import expect
 from nhpocp.interruption import STOPPED, Interruption
 from nhpocp.outcome import Outcome
 from nhpocp.problem import PlanningProblem
@@ -32,19 +35,24 @@ _log = logging.getLogger("nhpocp")
 
 
 @dataclass(frozen=True)
-class MultiStart:
+class MultiStart(Constructed):
     """Solver: the continuation from ``starts`` controls; the first that reaches the goal counts, in their order.
 
     Start 1 is the problem's own, the others are seeded (`initial: auto` with the seeds after the solver's). Start 1
     runs here; only if it fails are the others handed to what ``executor`` makes. The result does not depend on it:
     where it fails, or the problem cannot be sent to it, they run here, too. Evaluations are those of all starts, and
     building and solving together take what the clock showed for all of them, side by side as they run.
+    continuation: the method. executor: makes a `concurrent.futures.Executor`; a process a core unless said.
     """
 
     continuation: Continuation = field(default_factory=Continuation)
-    starts: int = 8
+    starts: int = count(8, "tries: the problem's control, then seeded ones")
     executor: Callable[[], Executor] = processes
     name: ClassVar[str] = "jacobian"
+
+    def __post_init__(self) -> None:
+        expect(self.continuation, Continuation, "a Continuation", "MultiStart.continuation")
+        check(self)
 
     @property
     def tolerance(self) -> float:

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, is_dataclass
 from math import inf, log, log1p
 from typing import Any, ClassVar
 
 import numpy as np
 
 from nhpocp.arrays import Array
+from nhpocp.constructed import Constructed
+from nhpocp.declared import check, positive
 from nhpocp.solvers.continuation.ending import NO_EVALUATION_LEFT
 from nhpocp.solvers.continuation.evaluation import Evaluation
 from nhpocp.solvers.continuation.trust_region import LEAST_GAIN, Number, TrustRegion, gain_ratio
@@ -19,11 +21,15 @@ from nhpocp.solvers.continuation.trust_region import LEAST_GAIN, Number, TrustRe
 Evaluate = Callable[[Array, float], Evaluation]
 
 
-class StepRule(ABC):
+class StepRule(Constructed):
     """The updates of one continuation."""
 
     kind: ClassVar[str]
     evaluations: ClassVar[int] = 1  # that an update takes; trials that are refused count besides
+
+    def __post_init__(self) -> None:
+        if is_dataclass(self):
+            check(self)
 
     @abstractmethod
     def updates(self, here: Evaluation, evaluate: Evaluate) -> Iterator[Evaluation]:
@@ -39,7 +45,10 @@ class StepRule(ABC):
 
 
 def full_step(here: Evaluation) -> Array:
-    """δΛ with J δλ = -e, inputs × size; zero where there is no direction."""
+    """The full step δΛ with J δλ = -e, inputs × size, of which a rule takes a part; zero where there is no direction.
+
+    here: the `Evaluation` of the current control, as `StepRule.updates` is given it. Raises nothing.
+    """
     if here.direction is None:
         return np.zeros_like(here.coefficients)
     return here.direction.step.reshape(here.coefficients.shape)
@@ -49,7 +58,7 @@ def full_step(here: Evaluation) -> Array:
 class Euler(StepRule):
     """Λ ← Λ - γ J^# e, [Paper] eq. (17). The paper names no γ; 0.1 is ours."""
 
-    gamma: float = 0.1
+    gamma: float = positive(0.1, "γ of (17), the share of the error that a step should remove")
     kind: ClassVar[str] = "euler"
 
     def updates(self, here: Evaluation, evaluate: Evaluate) -> Iterator[Evaluation]:
@@ -78,7 +87,7 @@ class Adaptive(StepRule):
     ``first_radius`` is in units of 1 + |Λ₀|; lengths are those of the metric, in which a natural control has 1.
     """
 
-    first_radius: float = 0.5
+    first_radius: float = positive(0.5, "of the trust region, in units of 1 + |Λ₀|")
     kind: ClassVar[str] = "adaptive"
 
     def region(self, length: Number) -> TrustRegion:
@@ -114,8 +123,8 @@ class Ode(StepRule):
     rather than SUNDIALS: the right-hand side is an SVD of numbers, which CasADi could only see as a callback.
     """
 
-    gamma: float = 0.1
-    tolerance: float = 1e-9
+    gamma: float = positive(0.1, "γ of (16)")
+    tolerance: float = positive(1e-9, "relative and absolute, of the integration in θ")
     kind: ClassVar[str] = "ode"
     evaluations: ClassVar[int] = 13  # DOP853's stages, and the end of the step for the record
 

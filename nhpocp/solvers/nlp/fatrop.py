@@ -9,20 +9,25 @@ import casadi as ca
 import numpy as np
 
 from nhpocp.arrays import Array
+from nhpocp.constructed import Constructed
+from nhpocp.declared import check, positive, whole
 from nhpocp.errors import InvalidProblemError
 from nhpocp.outcome import Outcome
 from nhpocp.solvers.nlp.optimizer import Optimum, Programme, Watch, optimum
 
 
 @dataclass(frozen=True)
-class Fatrop:
+class Fatrop(Constructed):
     """fatrop, which exploits the stages; needs a programme that has them. [Vanroye et al. 2023]"""
 
-    tolerance: float = 1e-6
-    max_iterations: int = 1000
+    tolerance: float = positive(1e-6, "on optimality and constraints, scaled")
+    max_iterations: int = whole(1000, "iterations before giving up")
     kind: ClassVar[str] = "fatrop"
     takes_derivatives: ClassVar[bool] = False  # CasADi's interface has no place for them
     heeds_stops: ClassVar[bool] = False  # nor for a callback between iterations
+
+    def __post_init__(self) -> None:
+        check(self)
 
     def settings(self) -> dict[str, Any]:
         return {"plugin": self.kind, "tolerance": self.tolerance, "max_iterations": self.max_iterations}

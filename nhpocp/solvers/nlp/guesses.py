@@ -8,11 +8,13 @@ from typing import ClassVar, Protocol
 import numpy as np
 
 from nhpocp.arrays import Array
+from nhpocp.constructed import Constructed
 from nhpocp.controls.basis import ControlBasis
 from nhpocp.controls.control import Control
 from nhpocp.controls.piecewise_constant import PiecewiseConstant
 from nhpocp.controls.projection import project
-from nhpocp.errors import InvalidProblemError, OrientationAtPiError, TooLargeError
+from nhpocp.declared import check, count
+from nhpocp.errors import CallError, InvalidProblemError, OrientationAtPiError, TooLargeError, describe
 from nhpocp.flow.dynamics import Dynamics
 from nhpocp.flow.end_point_map import DifferentiatedEndPointMap
 from nhpocp.flow.integrators import RungeKutta4
@@ -134,7 +136,7 @@ def held(problem: PlanningProblem, horizon: float) -> PlanningProblem:
 
 
 @dataclass(frozen=True)
-class ProblemGuess:
+class ProblemGuess(Constructed):
     """The problem's own initial control; for the second and later starts a seeded one, of full rank if one is found."""
 
     kind: ClassVar[str] = "problem"
@@ -162,11 +164,20 @@ class ProblemGuess:
 
 
 @dataclass(frozen=True)
-class SolverGuess:
-    """The control at which another solver ends, which is told of no bounds: a guess need not be feasible."""
+class SolverGuess(Constructed):
+    """The control at which another solver ends, which is told of no bounds: a guess need not be feasible.
+
+    solver: such as `Auto()`. Errors: `CallError` for what is no solver.
+    """
 
     solver: Solver
     kind: ClassVar[str] = "jacobian"
+
+    def __post_init__(self) -> None:
+        if isinstance(self.solver, type) or not hasattr(self.solver, "solve"):
+            raise CallError(
+                f"expected a solver such as Auto(), got {describe(self.solver)}", path="SolverGuess.solver"
+            )
 
     def control(self, problem: PlanningProblem, horizon: float, seed: int) -> Control:
         return self.solution(problem, horizon).control
@@ -184,15 +195,18 @@ class SolverGuess:
 
 
 @dataclass(frozen=True)
-class StraightGuess:
+class StraightGuess(Constructed):
     """Geodesics from start to goal through the via poses, with the control that comes nearest to following them.
 
     Between two of them each at constant speed. A block that one leaves free passes it on its way to the next that does
     not, and stays where it is where there is none.
     """
 
-    pieces: int = 50
+    pieces: int = count(50, "equal parts of the horizon, on each of which the control follows a geodesic")
     kind: ClassVar[str] = "straight"
+
+    def __post_init__(self) -> None:
+        check(self)
 
     def control(self, problem: PlanningProblem, horizon: float, seed: int) -> Control:
         system, space = problem.system, problem.system.state_space

@@ -12,6 +12,8 @@ from typing import Any, ClassVar
 import casadi as ca
 
 from nhpocp.arrays import Array
+from nhpocp.constructed import Constructed
+from nhpocp.declared import check, positive, whole
 from nhpocp.errors import InvalidProblemError
 from nhpocp.outcome import Outcome
 from nhpocp.solvers.nlp.optimizer import Look, Optimum, Programme, Watch, iteration, optimum
@@ -36,17 +38,21 @@ ENDINGS = {
 
 
 @dataclass(frozen=True)
-class Ipopt:
-    """IPOPT with exact derivatives where the programme has them, else a limited-memory Hessian. [Wächter, Biegler]"""
+class Ipopt(Constructed):
+    """IPOPT with exact derivatives where the programme has them, else a limited-memory Hessian. [Wächter, Biegler]
 
-    tolerance: float = 1e-6
-    max_iterations: int = 1000
+    linear_solver: one that `nhpocp doctor` lists, mumps unless said.
+    """
+
+    tolerance: float = positive(1e-6, "on optimality and constraints, scaled")
+    max_iterations: int = whole(1000, "iterations before giving up")
     linear_solver: str = "mumps"
     kind: ClassVar[str] = "ipopt"
     takes_derivatives: ClassVar[bool] = True
     heeds_stops: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
+        check(self)
         if self.linear_solver not in LINEAR_SOLVERS:
             raise InvalidProblemError(
                 f"linear solver {self.linear_solver!r}; available: {', '.join(LINEAR_SOLVERS)} (see `nhpocp doctor`)",

@@ -9,9 +9,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from nhpocp import declared
 from nhpocp.constraints.bound import check_bounds
+from nhpocp.constructed import Constructed
 from nhpocp.controls.piecewise_constant import PiecewiseConstant
-from nhpocp.errors import InvalidProblemError
+from nhpocp.declared import check
+from nhpocp.errors import CallError, InvalidProblemError, describe
 from nhpocp.flow.compiled.kernels import CompiledWhenReady, Kernels
 from nhpocp.interruption import Interruption
 from nhpocp.objectives.registry import OBJECTIVES
@@ -34,31 +37,48 @@ PATIENCE = 200
 
 
 @dataclass(frozen=True)
-class MultipleShooting:
+class MultipleShooting(Constructed):
     """Solver: minimises the problem's objective subject to the dynamics, the goal and every bound.
 
-    ``over_basis``: the control over the problem's basis, else piecewise constant on ``intervals``.
-    ``steps_per_interval``: RK4 steps in each interval; None refines them until a simulation with four times as
-    many steps ends within a tenth of the tolerance. Bounds that are broken between the nodes are tightened there by as
-    much, and the problem is solved again. ``starts``: the first is ``guess``, the others seeded; the least objective
-    of those that end well is kept. ``mesh_check``: solve again with twice as many intervals and say what that changes.
-    ``kernels``: whether compiled ones evaluate the intervals for IPOPT.
-    Where no start leads to an optimum, other guesses are tried within the iterations that are left; else a guess that
-    reaches the goal is handed back, and called one.
+    transcription: `StagedTranscription`, or `SingleShooting`. optimizer: `Ipopt()` or `Fatrop()`. guess: where to
+    begin, `ProblemGuess()`, `SolverGuess(solver)` or `StraightGuess()`. kernels: `Interpreted()`, `Compiled()` or
+    `CompiledWhenReady()` evaluate the intervals for IPOPT. Bounds that are broken between the nodes are tightened there
+    by as much, and the problem is solved again. Where no start leads to an optimum, other guesses are tried within the
+    iterations that are left; else a guess that reaches the goal is handed back, and called one.
     """
 
-    intervals: int = 50
-    steps_per_interval: int | None = None
-    over_basis: bool = False
+    intervals: int = declared.count(50, "equal parts of the horizon, each with one value of the control")
+    steps_per_interval: int | None = declared.declared(
+        "auto or whole",
+        None,
+        "RK4 steps; None: enough, as four times as many confirm",
+    )
+    over_basis: bool = declared.declared(
+        "truth", False, "the control over the problem's basis, not piecewise constant"
+    )
     transcription: type[Transcription] = StagedTranscription
     optimizer: Optimizer = field(default_factory=Ipopt)
     guess: GuessMaker = field(default_factory=ProblemGuess)
-    starts: int = 1
-    seed: int = 0
-    mesh_check: bool = False
+    starts: int = declared.count(1, "tries: the guess, then seeded ones; the least objective is kept")
+    seed: int = declared.whole(0, "of everything random")
+    mesh_check: bool = declared.declared(
+        "truth", False, "solve again with twice the intervals and say what changes"
+    )
     kernels: Kernels = field(default_factory=CompiledWhenReady)
     name: ClassVar[str] = "nlp"
     chooses_horizon: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        check(self)
+        if not (isinstance(self.transcription, type) and issubclass(self.transcription, Transcription)):
+            words = f"expected a class such as SingleShooting, got {describe(self.transcription)}"
+            raise CallError(words, path="MultipleShooting.transcription")
+        wanted = {"optimizer": "an optimizer such as Ipopt()", "guess": "a guess such as StraightGuess()"}
+        for part, method in (("optimizer", "solve"), ("guess", "control")):
+            given = getattr(self, part)
+            if isinstance(given, type) or not hasattr(given, method):
+                words = f"expected {wanted[part]}, got {describe(given)}"
+                raise CallError(words, path=f"MultipleShooting.{part}")
 
     @property
     def tolerance(self) -> float:
@@ -82,8 +102,6 @@ class MultipleShooting:
             return self._best(problem, progress)
 
     def _best(self, problem: PlanningProblem, progress: Progress | None) -> Solution:
-        if self.starts < 1:
-            raise InvalidProblemError("starts must be at least 1", path="solvers.nlp.starts")
         basis = problem.basis if self.over_basis else PiecewiseConstant(self.intervals)
         if words := OBJECTIVES[problem.objective].lacking_control(basis):
             hint = "" if self.over_basis else "; write control: basis"

@@ -16,7 +16,10 @@ EXACT_HESSIAN_UP_TO = 40
 
 
 class SingleShooting(Transcription):
-    """The intervals of multiple shooting, chained: no node states, no continuity constraints."""
+    """The intervals of multiple shooting, chained: no node states, no continuity constraints.
+
+    To be named, as in `MultipleShooting(transcription=SingleShooting)`; a solver makes it.
+    """
 
     def _shape(self) -> None:
         interval, N = self.interval, self.intervals

@@ -24,7 +24,10 @@ from nhpocp.solvers.nlp.transcription import Guess, Row, Transcription
 
 
 class StagedTranscription(Transcription):
-    """One stage an interval: the nodes' states are variables, continuity is a constraint."""
+    """One stage an interval: the nodes' states are variables, continuity is a constraint.
+
+    To be named, as in `MultipleShooting(transcription=StagedTranscription)`; a solver makes it.
+    """
 
     def _shape(self) -> None:
         interval, N = self.interval, self.intervals

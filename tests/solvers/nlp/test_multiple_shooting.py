@@ -27,6 +27,7 @@ from nhpocp.systems.three_upu import ThreeUPU
 from tests.conftest import Integrators, paper_problem, yaw
 
 CONTINUATION = Continuation(step_rule=Euler(1.0))
+COARSE = Ipopt(tolerance=1e-3)  # asks for few steps an interval
 
 
 def optimum(solution):
@@ -40,7 +41,6 @@ def optimum(solution):
     ("preset", "intervals", "effort"),
     [
         ("default", 40, 2.05248),
-        ("default", 50, 2.05082),
         ("default", 100, 2.04862),
         ("normal75", 40, 1.91554),
         ("paper_conjecture", 40, 1.23953),
@@ -108,7 +108,7 @@ def test_more_starts_keep_the_least_objective():
     claims = [entry["objective"] for entry in tried if entry["outcome"] == "converged"]
     assert solution.outcome is Outcome.CONVERGED
     assert optimum(solution) == min(claims)
-    with pytest.raises(InvalidProblemError, match="at least 1"):
+    with pytest.raises(InvalidProblemError, match="starts: 0 is out of range"):
         MultipleShooting(starts=0).solve(problem)
 
 
@@ -127,7 +127,7 @@ def test_linear_systems_have_the_straight_line():
 
 def test_a_free_horizon():
     """∫|v|² of a path stretched by T falls as 1/T: effort takes the longest horizon, time the speed limit."""
-    solver = MultipleShooting(intervals=12)
+    solver = MultipleShooting(intervals=12, optimizer=COARSE)
     fixed = solver.solve(paper_problem())
     longest = planning.solve(paper_problem(horizon=Horizon(1.0, 0.5, 3.0)), solver)
     assert longest.converged
@@ -145,8 +145,9 @@ def test_a_free_horizon():
 
 @pytest.mark.parametrize("objective", ["leg_effort", "path_length"])
 def test_other_objectives_are_what_the_simulation_costs(objective):
-    effort = MultipleShooting(intervals=10).solve(paper_problem())
-    solution = planning.solve(paper_problem(objective=objective), MultipleShooting(intervals=10))
+    solver = MultipleShooting(intervals=12, optimizer=COARSE)
+    effort = solver.solve(paper_problem())
+    solution = planning.solve(paper_problem(objective=objective), solver)
     assert solution.converged
     assert solution.costs[objective] == pytest.approx(optimum(solution), rel=1e-4)
     assert solution.costs[objective] < effort.costs[objective]
@@ -163,7 +164,7 @@ def unbounded():
 def bounded(bounds, **settings):
     changes = {name: settings.pop(name) for name in list(settings) if name in ("goal", "preset")}
     problem = paper_problem(bounds=bounds, samples=1001, **changes)
-    solution = planning.solve(problem, MultipleShooting(**{"intervals": 12, **settings}))
+    solution = planning.solve(problem, MultipleShooting(**{"intervals": 20, "optimizer": COARSE, **settings}))
     assert solution.converged, solution.message
     return solution.trajectory
 
@@ -282,12 +283,14 @@ def test_ends_infeasible_where_the_goal_itself_breaks_a_bound():
 
 @pytest.mark.parametrize(
     "settings",
-    [{}, {"optimizer": Fatrop(max_iterations=200)}, {"transcription": SingleShooting}],
+    [{}, {"optimizer": Fatrop(max_iterations=200)}, {"transcription": SingleShooting, "intervals": 4}],
     ids=["multiple", "fatrop", "single"],
 )
 def test_what_stands_in_the_way_is_named_with_its_times(settings):
     """Legs that are far too slow."""
-    solution = planning.solve(SLOW_LEGS, MultipleShooting(intervals=8, steps_per_interval=1, **settings))
+    solution = planning.solve(
+        SLOW_LEGS, MultipleShooting(**{"intervals": 8, "steps_per_interval": 1, **settings})
+    )
     assert solution.outcome in (Outcome.STAGNATED, Outcome.ITERATION_LIMIT)
     assert "leg_speed[" in solution.message
     assert " at t=" in solution.message
@@ -440,10 +443,10 @@ def test_a_claim_that_jumped_across_a_singular_surface_is_never_believed(problem
 
 @pytest.mark.parametrize("seed", [4, 8, 11, 14])
 def test_with_enough_steps_random_goals_are_verified_or_say_why_not(seed):
-    solver = MultipleShooting(intervals=20, optimizer=Ipopt(max_iterations=60))
+    solver = MultipleShooting(intervals=20, optimizer=Ipopt(1e-4, max_iterations=40))
     solution = random_goals.attempt(paper_problem(), seed, solver)
     if solution.converged:
-        assert solution.verdict.error <= 1.01e-6
+        assert solution.verdict.error <= 1.01e-4
     else:
         assert solution.outcome in (Outcome.NOT_VERIFIED, Outcome.STAGNATED, Outcome.ITERATION_LIMIT)
         assert solution.message

@@ -7,6 +7,7 @@ from nhpocp import planning
 from nhpocp.constraints.bound import Bound
 from nhpocp.flow.compiled.kernels import Interpreted
 from nhpocp.problem import Horizon, PlanningProblem
+from nhpocp.solvers.nlp.ipopt import Ipopt
 from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting
 from nhpocp.systems.three_upu import ThreeUPU
 from tests.conftest import PAPER_START, yaw
@@ -33,7 +34,9 @@ def posed(length, time, objective):
 
 
 def planned(length, time, objective):
-    solver = MultipleShooting(intervals=12, steps_per_interval=3, kernels=Interpreted())
+    solver = MultipleShooting(
+        intervals=12, steps_per_interval=2, optimizer=Ipopt(tolerance=1e-4), kernels=Interpreted()
+    )
     return planning.solve(posed(length, time, objective), solver)
 
 
