@@ -49,10 +49,9 @@ if TYPE_CHECKING:
     from nhpocp.flow.integrators import RungeKutta4 as RungeKutta4
     from nhpocp.flow.simulation import Motion as Motion
     from nhpocp.frozen import replace as replace
+    from nhpocp.horizon import Horizon as Horizon
     from nhpocp.outcome import Outcome as Outcome
-    from nhpocp.problem import Horizon as Horizon
     from nhpocp.problem import PlanningProblem as PlanningProblem
-    from nhpocp.problem import Via as Via
     from nhpocp.problem_file import dump_problem as dump_problem
     from nhpocp.solution import Solution as Solution
     from nhpocp.solution import Solver as Solver
@@ -103,6 +102,7 @@ if TYPE_CHECKING:
     from nhpocp.systems.three_upu import ThreeUPU as ThreeUPU
     from nhpocp.systems.unicycle import Unicycle as Unicycle
     from nhpocp.systems.veselova_joint import VeselovaJoint as VeselovaJoint
+    from nhpocp.via import Via as Via
 
 __version__ = "0.1.0"
 
@@ -133,7 +133,7 @@ _HOMES = {
     "FrozenError": "errors",
     "GeneralizedInverse": "solvers.continuation.generalized_inverses",
     "Heisenberg": "systems.heisenberg",
-    "Horizon": "problem",
+    "Horizon": "horizon",
     "Interpreted": "flow.compiled.kernels",
     "InvalidProblemError": "errors",
     "Ipopt": "solvers.nlp.ipopt",
@@ -183,7 +183,7 @@ _HOMES = {
     "VariationalEndPointMap": "flow.end_point_map",
     "Verdict": "solution",
     "VeselovaJoint": "systems.veselova_joint",
-    "Via": "problem",
+    "Via": "via",
     "analyze": "api",
     "compare": "api",
     "deg": "state_space",

@@ -197,13 +197,7 @@ def compare(
     whatever way, is a failed entry, and one that cannot be stored a note; Ctrl-C ends it with what there is.
     """
     runs = [
-        run
-        for item in problems
-        for run in (
-            [item]
-            if isinstance(item, Run)
-            else [Run(item, planning.own_solver(item, name), name) for name in variants]
-        )
+        run for item in problems for run in ([item] if isinstance(item, Run) else _by_variant(item, variants))
     ]
     entries: list[Entry] = []
     notes: list[str] = []

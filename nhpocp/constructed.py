@@ -18,7 +18,7 @@ class Constructing(ABCMeta):
         super().__init__(name, bases, members, **more)
         declared = {
             field: value.metadata["declared"].meaning
-            for field, value in members.items()
+            for field, value in {**getattr(cls, "__dataclass_fields__", {}), **members}.items()
             if isinstance(value, Field) and "declared" in value.metadata
         }
         if declared and cls.__doc__:

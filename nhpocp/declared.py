@@ -6,7 +6,7 @@ From these lines the schema, `nhpocp init`, choices and messages are derived; py
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, is_dataclass
 from math import isfinite
 from numbers import Real
 from typing import Any, Literal
@@ -125,8 +125,9 @@ def choice(default: str, names: Iterable[str], meaning: str) -> Any:
 
 
 def declarations(cls: type[Any]) -> dict[str, Declared]:
-    """The declared fields of a dataclass, in order."""
-    return {f.name: f.metadata["declared"] for f in fields(cls) if "declared" in f.metadata}
+    """The declared fields of a dataclass, in order; none of another class."""
+    of = fields(cls) if is_dataclass(cls) else ()
+    return {f.name: f.metadata["declared"] for f in of if "declared" in f.metadata}
 
 
 def check(made: Any) -> None:

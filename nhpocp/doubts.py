@@ -10,9 +10,10 @@ import numpy as np
 
 from nhpocp.errors import InvalidProblemError
 from nhpocp.foreseen import broken_poses
-from nhpocp.problem import PlanningProblem, Via
+from nhpocp.problem import PlanningProblem
 from nhpocp.scales import coarse
 from nhpocp.systems.system import System
+from nhpocp.via import Via
 
 TURN = 2 * pi
 # turns above which an angle is doubted; coordinates such as a wheel's count theirs

@@ -54,9 +54,6 @@ class Replay:
     ok: bool
     agreement: float | None = None  # max distance from the replay of the system's own equations
 
-    def to_json(self) -> dict[str, Any]:
-        return {"error": self.error, "reached_t": self.reached, "ok": self.ok, "agreement": self.agreement}
-
 
 @dataclass(frozen=True)
 class Verdict:
@@ -82,21 +79,6 @@ class Verdict:
     crossings: Sequence[Crossing] = ()
     bounds: Sequence[BoundReport] = ()
     warnings: Sequence[str] = ()
-
-    def to_json(self) -> dict[str, Any]:
-        return {
-            "error": self.error,
-            "ok": self.ok,
-            "method": self.method,
-            "reasons": list(self.reasons),
-            "reached_t": self.reached,
-            "original": self.original.to_json() if self.original else None,
-            "rolling": self.rolling,
-            "leg_rate": self.leg_rate,
-            "orthogonality": self.orthogonality,
-            "trajectory_deviation": self.trajectory_deviation,
-            "warnings": list(self.warnings),
-        }
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -32,8 +32,8 @@ class Block(Constructed):
     `vector`, `scalar`, `rotation`, `direction` and `matrix` make them; a direction, a unit vector, and a matrix are
     outputs only. name: printable. kind: one of these five. components: numbers of a vector, or in each row of a matrix;
     rows: of a matrix. unit: "length", "angle" [rad], or "". symbol: how formulas call it, LaTeX without $; none: by its
-    name. wraps: angles that jump by 2π where they are cut. of_pose: an output that depends on the state alone,
-    so that it may be a goal. rate: per unit of time; inputs are so by themselves.
+    name. words: how axes call it besides. wraps: angles that jump by 2π where they are cut. of_pose: an output that
+    depends on the state alone, so that it may be a goal. rate: per unit of time; inputs are so by themselves.
     Errors: `InvalidProblemError` for an unknown kind or unit, or numbers of components that are none.
     """
 
@@ -42,6 +42,7 @@ class Block(Constructed):
     components: int = 1  # numbers of a vector, or in each row of a matrix
     unit: Unit = ""
     symbol: str = field(default="", compare=False)
+    words: str = field(default="", compare=False, kw_only=True)
     rows: int = 1  # of a matrix
     wraps: bool = False
     of_pose: bool = False
@@ -51,9 +52,8 @@ class Block(Constructed):
         path = f"block {self.name!r}"
         expect(self.name, str, "a name", "block")
         if self.kind not in get_args(Kind):
-            raise InvalidProblemError(
-                f"kind {self.kind!r}; expected one of {', '.join(get_args(Kind))}", path=path
-            )
+            words = f"kind {self.kind!r}; expected one of {', '.join(get_args(Kind))}"
+            raise InvalidProblemError(words, path=path)
         if self.unit not in UNIT_WORDS:
             words = f"unit {self.unit!r}; expected 'length', 'angle', or '' for none"
             raise InvalidProblemError(words, path=path)
@@ -189,9 +189,8 @@ def check_distinct(parts: Iterable[tuple[str, Block]]) -> None:
             raise InvalidProblemError(f"{words}: expected a name of one or more printable characters")
         for each in names:
             if each in taken:
-                raise InvalidProblemError(
-                    f"{taken[each]} and {words} are both called {each!r}; rename one of them"
-                )
+                both = f"{taken[each]} and {words}"
+                raise InvalidProblemError(f"{both} are both called {each!r}; rename one of them")
         taken |= dict.fromkeys(names, words)
 
 
@@ -268,19 +267,16 @@ class StateSpace(Frozen):
         missing = [name for name in self.names if name not in values]
         unknown = [name for name in values if name not in self.names]
         if missing or unknown:
-            raise InvalidProblemError(
-                f"a state needs exactly {', '.join(self.names)}"
-                + (f"; missing: {', '.join(missing)}" if missing else "")
-                + (f"; unknown: {', '.join(unknown)}" if unknown else "")
-            )
+            wrong = {"missing": missing, "unknown": unknown}
+            said = [f"{what}: {', '.join(names)}" for what, names in wrong.items() if names]
+            raise InvalidProblemError("; ".join([f"a state needs exactly {', '.join(self.names)}", *said]))
         xp = namespace(*values.values())
         parts = []
         for block in self.blocks:
             value = values[block.name]
             if block.kind == "rotation":
-                parts += [
-                    xp.array(value)[i, :].T if isinstance(value, list) else value[i, :].T for i in range(3)
-                ]
+                rows = xp.array(value) if isinstance(value, list) else value
+                parts += [rows[i, :].T for i in range(3)]
             else:
                 parts.append(value)
         return xp.concatenate(parts)

@@ -224,6 +224,8 @@ def broken(call: list[str], top: Path) -> str:
     if ended not in (0, 1, 2):
         return f"exit status {ended}"
     if "Traceback" in errors.getvalue():
+        if Hang.__name__ in errors.getvalue():  # heard inside a callback of CasADi, which went on
+            return f"no end within {LONGEST} s"
         return "a traceback on standard error"
     if measured and (peak_memory() or 0.0) > MOST:
         return f"{peak_memory():.0f} MB"

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import builtins
 import contextlib
+import csv
 import errno
 import io
 import json
@@ -32,7 +33,7 @@ from unittest import mock
 from matplotlib.figure import Figure
 
 from nhpocp import analysis, comparison, planning, whole
-from nhpocp.cli import verbs
+from nhpocp.cli import solving
 from nhpocp.cli.entry import status
 from nhpocp.problem_file import load_problem
 from nhpocp.solution_folder import load_solution
@@ -273,6 +274,9 @@ class Trial:
             for name, content in seen.items()
             if content not in (self.old.get(name), self.new.get(name))
             and not (self._may_lack(end) and name.endswith(".json") and _says_so(content))
+            and not (
+                self._may_lack(end) and "comparison." in name and _less_stored(content, self.new.get(name))
+            )
         ]
         for folder in self.task.folders:
             parts = [
@@ -286,6 +290,25 @@ class Trial:
     def _may_lack(self, end: End) -> bool:
         """Whether pictures, or a page, may be missing: that was said, or that there was no room for the rest either."""
         return MISSING in end.out + end.messages or (end.status == 2 and self.task.arguments[0] == "compare")
+
+
+def _less_stored(content: bytes | None, new: bytes | None) -> bool:
+    """Whether a table of runs is the new one but for the folders of runs that had no room, which it leaves empty."""
+    if content is None or new is None:
+        return False
+    rows, wanted = _runs(content), _runs(new)
+    return [
+        {**row, "folder": row["folder"] or other["folder"]} for row, other in zip(rows, wanted, strict=False)
+    ] == wanted
+
+
+def _runs(table: bytes) -> list[dict[str, Any]]:
+    """The rows of a comparison.csv or comparison.json."""
+    text = table.decode()
+    if text.startswith("{"):
+        runs: list[dict[str, Any]] = json.loads(text)["runs"]
+        return runs
+    return list(csv.DictReader(io.StringIO(text)))
 
 
 def _says_so(content: bytes | None) -> bool:
@@ -352,8 +375,8 @@ def _draw_little(patch: Any) -> None:
     patch(figures, "names_of", lambda _: list(tiny))
     patch(analysis_figures, "FIGURES", tiny)
     patch(analysis_figures, "names_of", lambda _: ["robot"])
-    patch(verbs, "_report", lambda found, file, _: write_text(file, _page("compare", found.entries)))
-    patch(verbs, "_animation", lambda entries, file: write_text(file, _page("animate", entries)))
+    patch(solving, "_report", lambda found, file, _: write_text(file, _page("compare", found.entries)))
+    patch(solving, "_animation", lambda entries, file: write_text(file, _page("animate", entries)))
 
 
 def _page(verb: str, entries: Any) -> str:

@@ -25,8 +25,9 @@ from nhpocp.controls.control import Control
 from nhpocp.controls.fourier import Fourier
 from nhpocp.errors import InvalidProblemError, UnreadableSolutionError
 from nhpocp.flow.simulation import simulate
+from nhpocp.horizon import Horizon
 from nhpocp.outcome import Outcome
-from nhpocp.problem import Horizon, PlanningProblem
+from nhpocp.problem import PlanningProblem
 from nhpocp.problem_file import load_problem, variant
 from nhpocp.solution import Solution, Verdict
 from nhpocp.solution_folder import folder_name, save_solution

@@ -9,8 +9,9 @@ import nhpocp
 from nhpocp.constraints.bound import Bound
 from nhpocp.flow.compiled.kernels import Interpreted
 from nhpocp.foreseen import contradiction, endless
+from nhpocp.horizon import Horizon
 from nhpocp.outcome import Outcome
-from nhpocp.problem import Horizon, PlanningProblem
+from nhpocp.problem import PlanningProblem
 from nhpocp.problem_file.building import build_solver
 from nhpocp.solvers.nlp.guesses import Guess, ProblemGuess, make_guess
 from nhpocp.solvers.nlp.single_shooting import SingleShooting

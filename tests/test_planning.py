@@ -10,8 +10,8 @@ from nhpocp import planning, so3
 from nhpocp.constraints.bound import Bound
 from nhpocp.flow.dynamics import Dynamics
 from nhpocp.flow.integrators import RungeKutta4
+from nhpocp.horizon import Horizon
 from nhpocp.outcome import Outcome
-from nhpocp.problem import Horizon
 from nhpocp.solvers.continuation.auto import Auto
 from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.step_rules import Euler

@@ -7,7 +7,8 @@ from nhpocp import so3
 from nhpocp.constraints.bound import Bound
 from nhpocp.controls.fourier import Fourier
 from nhpocp.errors import InvalidProblemError
-from nhpocp.problem import Horizon, PlanningProblem
+from nhpocp.horizon import Horizon
+from nhpocp.problem import PlanningProblem
 from nhpocp.systems.three_upu import ThreeUPU
 
 POSE = {"position": [0, 0, 25], "orientation": so3.from_rpy(np.array([0, 0, -np.pi / 6]))}

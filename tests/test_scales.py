@@ -6,14 +6,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nhpocp.constraints.bound import Bound
+from nhpocp.horizon import Horizon
 from nhpocp.objectives.registry import OBJECTIVES
-from nhpocp.problem import Horizon, PlanningProblem, Via
+from nhpocp.problem import PlanningProblem
 from nhpocp.state_space import StateSpace, scalar, vector
 from nhpocp.systems.heisenberg import Heisenberg
 from nhpocp.systems.rolling_sphere import RollingSphere
 from nhpocp.systems.system import System
 from nhpocp.systems.three_upu import ThreeUPU
 from nhpocp.systems.unicycle import Unicycle
+from nhpocp.via import Via
 from tests.conftest import paper_problem
 
 FACTORS = st.floats(1e-9, 1e9)

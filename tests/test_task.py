@@ -10,7 +10,6 @@ from nhpocp import planning, so3
 from nhpocp.constraints.bound import Bound
 from nhpocp.errors import InvalidProblemError, OrientationAtPiError
 from nhpocp.outcome import Outcome
-from nhpocp.problem import Via
 from nhpocp.problem_file import dump_problem, parse_problem, read_text, systems
 from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.step_rules import Adaptive, Euler
@@ -18,6 +17,7 @@ from nhpocp.solvers.nlp.fatrop import Fatrop
 from nhpocp.solvers.nlp.guesses import StraightGuess
 from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting
 from nhpocp.task import Task
+from nhpocp.via import Via
 from nhpocp.views.figures import relative_pose
 from tests.conftest import paper_problem, yaw
 

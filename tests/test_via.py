@@ -12,8 +12,9 @@ from nhpocp.errors import InvalidProblemError
 from nhpocp.flow.compiled.kernels import Interpreted
 from nhpocp.flow.end_point_map import VariationalEndPointMap
 from nhpocp.flow.integrators import CasadiRungeKutta, Cvodes, RungeKutta4
+from nhpocp.flow.tableau import CLASSICAL
+from nhpocp.horizon import Horizon
 from nhpocp.planning import solve
-from nhpocp.problem import Horizon, Via
 from nhpocp.problem_file import dump_problem, parse_problem, read_text
 from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.step_rules import Adaptive, Euler, Ode
@@ -30,9 +31,10 @@ from nhpocp.solvers.nlp.guesses import (
 from nhpocp.solvers.nlp.ipopt import Ipopt
 from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting
 from nhpocp.solvers.nlp.single_shooting import SingleShooting
-from nhpocp.solvers.nlp.task_rows import place, stage_times
+from nhpocp.solvers.nlp.task_rows import place, stage_knots
 from nhpocp.systems.numeric import numeric_system
 from nhpocp.verification.replay import replay
+from nhpocp.via import Via
 from tests.conftest import paper_problem, yaw
 
 MIDDLE = {"position": [0, 0, 30]}
@@ -179,8 +181,8 @@ def test_the_meeting_is_the_path_that_everybody_else_follows():
 
 @pytest.mark.parametrize("steps", [1, 3, 4])
 @pytest.mark.parametrize("offset", [0.0, 0.2, 1 / 3, 0.5, 0.9])
-def test_stage_times_lead_to_the_offset(steps, offset):
-    times = stage_times(offset, steps)
+def test_the_steps_of_a_stage_lead_to_the_offset(steps, offset):
+    times = CLASSICAL.times(stage_knots(offset, steps))
     assert times[0] == 0
     assert times[-1] == pytest.approx(offset)
     np.testing.assert_allclose(times[1::2], 0.5 * (times[:-1:2] + times[2::2]))

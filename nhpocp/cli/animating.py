@@ -1,4 +1,4 @@
-"""The verb `animate`: stored motions as a page that plays, or as a film for slides."""
+"""The verbs `plot` and `animate`: stored motions as pictures, as a page that plays, or as a film for slides."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from nhpocp.cli.exit_status import SOLVED
 from nhpocp.cli.options import json_option
 from nhpocp.cli.progress import counter
 from nhpocp.cli.terminal import put, tell
@@ -19,6 +20,26 @@ if TYPE_CHECKING:
     from nhpocp.comparison import Entry
 
 FORMATS = ("html", "gif", "mp4")
+
+
+@click.command()
+@click.argument("folder", type=click.Path(path_type=Path))
+@json_option
+def plot(folder: Path, as_json: bool) -> int:
+    """Draw the pictures of the solution in FOLDER, into it."""
+    from nhpocp.solution_folder import load_solution, unwritable
+    from nhpocp.views.figures import write_pictures
+
+    solution = load_solution(folder)
+    try:
+        written = [str(path) for path in write_pictures(solution, folder)]
+    except OSError as error:
+        raise unwritable(folder, error) from error
+    if as_json:
+        put({"folder": str(folder), "pictures": written})
+    else:
+        tell("\n".join(written))
+    return SOLVED
 
 
 @click.command()
@@ -53,7 +74,7 @@ def animate(folders: tuple[Path, ...], output: Path | None, kind: str | None, as
         put({"file": str(file), "format": kind, "folders": [entry.folder for entry in entries]})
     else:
         tell(str(file))
-    return 0
+    return SOLVED
 
 
 def _kind(output: Path | None, kind: str | None) -> str:

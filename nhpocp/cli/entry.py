@@ -17,16 +17,10 @@ from typing import Any
 
 import click
 
-from nhpocp.cli.analyzing import analyze
-from nhpocp.cli.animating import animate
 from nhpocp.cli.exit_status import BAD_INPUT, MISSING_PART, NOT_SOLVED, SOLVED
-from nhpocp.cli.starting import init, schema
 from nhpocp.cli.terminal import abandon, error_data, open_streams, put, say
 from nhpocp.cli.verbs import cli
 from nhpocp.errors import MissingDependencyError, NhpocpError
-
-for verb in (analyze, animate, init, schema):
-    cli.add_command(verb)
 
 BY_HAND = "stopped by hand; no solution was written"
 

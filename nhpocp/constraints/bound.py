@@ -201,16 +201,6 @@ class BoundReport:
             return f"outside [{low:g}, {high:g}]"
         return f"below {low:g}" if np.isfinite(low) else f"above {high:g}"
 
-    def to_json(self) -> dict[str, Any]:
-        return {
-            "worst": self.worst,
-            "allowed": self.allowed,
-            "ok": self.ok,
-            "t": self.time,
-            "component": list(self.component),
-            "value": self.value,
-        }
-
 
 def check_bounds(
     bounds: Sequence[Bound], times: Array, trajectory: Mapping[str, Array], relative_tolerance: float = 1e-3

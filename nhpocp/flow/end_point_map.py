@@ -48,9 +48,6 @@ class EndPoint:
 class EndPointMap(ABC):
     """Made for one system, basis, horizon and start; called with coefficients Λ (inputs × size)."""
 
-    times: Array
-
-    @abstractmethod
     def __init__(
         self,
         system: System,
@@ -62,6 +59,14 @@ class EndPointMap(ABC):
         along: bool = False,
     ) -> None:
         """fractions: of the horizon, where Jacobians are wanted besides the end; along: of the whole path as well."""
+        self._start, self._along = start, along
+        self._asked = system, basis, horizon, integrator, tuple(fractions)
+        self.times = self._prepare()
+        self._stops = stops_of(self.times, fractions, horizon)
+
+    @abstractmethod
+    def _prepare(self) -> Array:
+        """Makes what calls need of `_asked`; the times of the path, the fractions among them."""
 
     @abstractmethod
     def __call__(self, coefficients: Array) -> EndPoint:
@@ -77,19 +82,9 @@ class DifferentiatedEndPointMap(EndPointMap):
     To be named, as in `Continuation(sensitivity=DifferentiatedEndPointMap)`; a solver makes it.
     """
 
-    def __init__(
-        self,
-        system: System,
-        basis: ControlBasis,
-        horizon: float,
-        start: Array,
-        integrator: Integrator,
-        fractions: Sequence[float] = (),
-        along: bool = False,
-    ) -> None:
-        self._flow = flow_through(system, basis, horizon, integrator, tuple(fractions))
-        self._start, self.times = start, self._flow.times
-        self._stops, self._along = stops_of(self.times, fractions, horizon), along
+    def _prepare(self) -> Array:
+        self._flow = flow_through(*self._asked)
+        return self._flow.times
 
     def __call__(self, coefficients: Array) -> EndPoint:
         if self._along:
@@ -107,21 +102,12 @@ class VariationalEndPointMap(EndPointMap):
     To be named, as in `Continuation(sensitivity=VariationalEndPointMap)`; a solver makes it.
     """
 
-    def __init__(
-        self,
-        system: System,
-        basis: ControlBasis,
-        horizon: float,
-        start: Array,
-        integrator: Integrator,
-        fractions: Sequence[float] = (),
-        along: bool = False,
-    ) -> None:
+    def _prepare(self) -> Array:
+        system, basis, horizon, integrator, fractions = self._asked
         times = grid_through(integrator.grid(basis, horizon), fractions, horizon)
         self._equations = VariationalEquations(system, basis, horizon, integrator, times)
-        self._start, self.times = start, self._equations.flow.times
         self._watched = numeric_system(system).breaking_function
-        self._stops, self._along = stops_of(self.times, fractions, horizon), along
+        return self._equations.flow.times
 
     def __call__(self, coefficients: Array) -> EndPoint:
         path, jacobians, _ = self._equations.states(self._start, coefficients)

@@ -11,17 +11,13 @@ import numpy as np
 from nhpocp.arrays import Array
 from nhpocp.controls.control import Control
 from nhpocp.deferred import Deferred
-from nhpocp.flow.dynamics import Dynamics
-from nhpocp.flow.integrators import RungeKutta4, uniform_grid
-from nhpocp.flow.step_error import enough_steps
+from nhpocp.flow.step_error import enough_steps, settled_path
 from nhpocp.objectives.objective import PathObjective
 from nhpocp.objectives.registry import available, exact_costs
 from nhpocp.problem import PlanningProblem
 from nhpocp.systems.numeric import numeric_system
 
 STEPS_AT_LEAST = 800  # where RK4's error on the paper's path is below 1e-11
-DOUBLINGS = 4
-CLOSE = 1e-7  # between the ends of a path and of the same with half the steps, over the state's scales
 
 
 @dataclass(frozen=True)
@@ -47,7 +43,7 @@ def simulate(problem: PlanningProblem, control: Control) -> Motion:
     @cache
     def integrated() -> tuple[Array, Array]:
         least = enough_steps(STEPS_AT_LEAST, control.basis)
-        return _path(problem, control, (samples - 1) * -(-least // (samples - 1)))
+        return settled_path(problem, control, (samples - 1) * -(-least // (samples - 1)))
 
     return Motion(
         Deferred(lambda: _sampled(problem, control, *integrated())),
@@ -77,17 +73,3 @@ def _costs(problem: PlanningProblem, control: Control, times: Array, path: Array
         values = numeric.along(objective.integrand, states, controls, problem.scale)
         costs[objective.name] = float(0.5 * np.diff(times) @ (values[:steps] + values[steps:]))
     return costs
-
-
-def _path(problem: PlanningProblem, control: Control, steps: int) -> tuple[Array, Array]:
-    """Times and states by RK4, the steps doubled until that no longer moves the end."""
-    dynamics, last = Dynamics(numeric_system(problem.system).rate_function), np.inf
-    for doubling in range(DOUBLINGS + 1):
-        times = uniform_grid(steps * 2**doubling, control.breakpoints, control.horizon)
-        flow = RungeKutta4().flow(dynamics, control.basis, control.horizon, times)
-        path = flow.states(problem.start_point, control.coefficients)
-        end = path[-1] / problem.scales.points
-        if not np.isfinite(path).all() or np.abs(end - last).max() < CLOSE * (1.0 + np.abs(end).max()):
-            break
-        last = end
-    return times, path

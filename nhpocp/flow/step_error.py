@@ -1,7 +1,8 @@
 """Whether the steps of an integration are fine enough: the one answer to it, for whoever asks.
 
 Fixed steps must see every oscillation of a control (`enough_steps`, `resolving`). What is claimed on them is held
-against a path of finer steps (`finer`), and a search that could gain by their error asks how large it is (`StepError`).
+against a path of finer steps (`finer`, `settled_path`), and a search that could gain by their error asks how large it
+is (`StepError`).
 """
 
 from __future__ import annotations
@@ -13,13 +14,17 @@ import numpy as np
 
 from nhpocp.arrays import Array
 from nhpocp.controls.basis import ControlBasis
-from nhpocp.flow.dynamics import dynamics
-from nhpocp.flow.integrators import CasadiRungeKutta, Flow, Integrator, RungeKutta4
+from nhpocp.controls.control import Control
+from nhpocp.flow.dynamics import Dynamics, dynamics
+from nhpocp.flow.integrators import CasadiRungeKutta, Flow, Integrator, RungeKutta4, uniform_grid
 from nhpocp.problem import PlanningProblem
+from nhpocp.systems.numeric import numeric_system
 
 FEWEST, ENOUGH = 5.0, 10.0  # steps for each period of the fastest function of a basis
 # Times the steps: at order 4 they leave 1/256 of the error, so that the distance between two paths is the error itself.
 FINER = 4
+DOUBLINGS = 4
+CLOSE = 1e-7  # between the ends of a path and of the same with half the steps, over the state's scales
 ALLOWED = 0.1  # of the tolerance on E: the error of integration that a plan may carry
 
 
@@ -41,6 +46,20 @@ def finer(integrator: Integrator) -> Integrator:
     if isinstance(integrator, RungeKutta4):
         return replace(integrator, steps=FINER * integrator.steps)
     return RungeKutta4(FINER * getattr(integrator, "steps", RungeKutta4.steps))
+
+
+def settled_path(problem: PlanningProblem, control: Control, steps: int) -> tuple[Array, Array]:
+    """Times and states by RK4, the steps doubled until that no longer moves the end."""
+    rate, last = Dynamics(numeric_system(problem.system).rate_function), np.inf
+    for doubling in range(DOUBLINGS + 1):
+        times = uniform_grid(steps * 2**doubling, control.breakpoints, control.horizon)
+        flow = RungeKutta4().flow(rate, control.basis, control.horizon, times)
+        path = flow.states(problem.start_point, control.coefficients)
+        end = path[-1] / problem.scales.points
+        if not np.isfinite(path).all() or np.abs(end - last).max() < CLOSE * (1.0 + np.abs(end).max()):
+            break
+        last = end
+    return times, path
 
 
 class StepError:

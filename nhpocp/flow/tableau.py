@@ -7,6 +7,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
+import numpy as np
+
+from nhpocp.arrays import Array
 
 
 @dataclass(frozen=True)
@@ -36,6 +39,11 @@ class Tableau:
     def samples(self, steps: int) -> int:
         """Controls that steps after one another see, if none jumps."""
         return (self.seen - 1) * steps + 1
+
+    def times(self, knots: Array) -> Array:
+        """Where steps between rising knots see the control: (samples(steps),)."""
+        seen = [(1.0 - fraction) * knots[:-1] + fraction * knots[1:] for fraction in self.fractions[:-1]]
+        return np.append(np.ravel(seen, order="F"), knots[-1])
 
     def weight(self, stage: int) -> float:
         """b_i / Σ b."""

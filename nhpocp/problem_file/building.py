@@ -11,8 +11,9 @@ from nhpocp.constraints.registry import bounds_of
 from nhpocp.controls.control import Control
 from nhpocp.controls.registry import BASES
 from nhpocp.errors import InvalidProblemError, MissingDependencyError, refuse, suggestion
+from nhpocp.horizon import Horizon
 from nhpocp.objectives.registry import OBJECTIVES, available, costs_of_motion
-from nhpocp.problem import Horizon, PlanningProblem, Via
+from nhpocp.problem import PlanningProblem
 from nhpocp.problem_file.messages import translate
 from nhpocp.problem_file.schema import FreeHorizon, ProblemData
 from nhpocp.problem_file.settings import BLOCKS
@@ -20,6 +21,7 @@ from nhpocp.problem_file.states import Strict, plain_state
 from nhpocp.solvers.registry import SOLVERS
 from nhpocp.solvers.settings import KERNELS
 from nhpocp.systems.system import System
+from nhpocp.via import Via
 
 if TYPE_CHECKING:
     from nhpocp.flow.compiled.kernels import Kernels

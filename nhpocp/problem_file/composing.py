@@ -18,6 +18,7 @@ from ruamel.yaml.composer import Composer, ComposerError
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
 from ruamel.yaml.events import AliasEvent, MappingStartEvent, ScalarEvent
 from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
+from ruamel.yaml.resolver import VersionedResolver
 from ruamel.yaml.tag import Tag
 
 from nhpocp.errors import InvalidProblemError
@@ -98,6 +99,14 @@ class _Bounded(Composer):
         return twin
 
 
+class _Unresolved(VersionedResolver):
+    """Leaves unquoted scalars to `resolve`: ruamel would try its own patterns on each of them."""
+
+    @property
+    def versioned_resolver(self) -> Any:
+        return {}
+
+
 def _explicit_tag(event: Any) -> str | None:
     """A tag as it is written, if it is one of the core schema's for this kind of node."""
     tag = str(event.tag) if event.tag else None
@@ -130,6 +139,8 @@ class Tree:
     def __init__(self, text: str, file: str | None = None, comments: bool = False) -> None:
         self._file, self._yaml = file, YAML(typ="rt" if comments else "safe", pure=True)
         self._yaml.Composer = _Bounded
+        if not comments:  # what is written needs the tags
+            self._yaml.Resolver = _Unresolved
         self._yaml.preserve_quotes, self._yaml.width = True, 4096
         self._yaml.indent(mapping=2, sequence=4, offset=2)
         with _naming(file):

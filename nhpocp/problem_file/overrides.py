@@ -28,7 +28,7 @@ def split(item: str) -> tuple[Path, Node]:
     path = tuple(int(word.strip("[]")) if word.startswith("[") else word for word in words)
     try:
         # as a list's only item, so that an empty value is null and plain text is itself
-        tree = Tree(f"- {text}")
+        tree = Tree(f"- {text}", comments=True)
         if not isinstance(tree.plain()[0], list) or len(tree.root.value) != 1:
             raise InvalidProblemError("not one value")
     except InvalidProblemError as error:

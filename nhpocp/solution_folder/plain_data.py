@@ -13,8 +13,7 @@ import numpy as np
 from nhpocp.objectives.registry import costs_of_motion, exact_costs
 from nhpocp.provenance import environment
 from nhpocp.solution import Solution
-
-SCHEMA_VERSION = 1
+from nhpocp.solution_folder.stored import SCHEMA_VERSION, StoredBound, StoredVerdict
 
 
 def to_json(solution: Solution) -> dict[str, Any]:
@@ -32,7 +31,7 @@ def to_json(solution: Solution) -> dict[str, Any]:
         "message": solution.message,
         "warnings": [*solution.warnings, *(verdict.warnings if verdict else ())],
         "final_error": solution.final_error,
-        "verified": verdict.to_json() if verdict else None,
+        "verified": StoredVerdict.written(verdict) if verdict else None,
         "objective": solution.objective,
         **dict.fromkeys(costs_of_motion()),
         **exact_costs(solution.control),
@@ -43,7 +42,7 @@ def to_json(solution: Solution) -> dict[str, Any]:
         "trajectory": {name: np.asarray(values) for name, values in solution.trajectory.items()},
         "crossings": [crossing.to_json() for crossing in verdict.crossings] if verdict else [],
         "length_scale": problem.scale,
-        "constraints": {r.bound.label: r.to_json() for r in verdict.bounds} if verdict else {},
+        "constraints": {r.bound.label: StoredBound.written(r) for r in verdict.bounds} if verdict else {},
         "details": dict(solution.details),
         "timing": dict(solution.timing),
         "environment": environment(solution.settings.get("plugin")),

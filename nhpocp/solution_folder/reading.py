@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import lzma
-import math
 import os
 import struct
 import zipfile
 import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import fields
 from io import BytesIO
 from pathlib import Path
 from tokenize import TokenError
@@ -25,7 +25,7 @@ from nhpocp.problem import PlanningProblem
 from nhpocp.problem_file import control_from_json
 from nhpocp.problem_file.document import open_file
 from nhpocp.problem_file.reading import build, read
-from nhpocp.solution import Crossing, Replay, Solution, Verdict
+from nhpocp.solution import Replay, Solution, Verdict
 from nhpocp.solution_folder.stored import StoredSolution, StoredVerdict, parse_stored
 from nhpocp.systems.numeric import numeric_system
 from nhpocp.whole import sweep
@@ -247,54 +247,29 @@ def _solution(
     stored: StoredSolution, problem: PlanningProblem, control: Control, arrays: dict[str, Array], log: str
 ) -> Solution:
     verdict = _verdict(stored, stored.verified, problem) if stored.verified else None
-    later = set(verdict.warnings) if verdict else set()
-    return Solution(
-        problem=problem,
-        solver=stored.solver,
-        settings=stored.settings,
-        tolerance=stored.tolerance,
-        outcome=stored.outcome,
-        message=stored.message,
-        final_error=_number(stored.final_error),
-        control=control,
-        trajectory=arrays,
-        costs=stored.costs,
-        iterations=[record.model_dump(exclude_unset=True) for record in stored.iterations],
-        evaluations=stored.evaluations,
-        objective=stored.objective,
-        warnings=[warning for warning in stored.warnings if warning not in later],
-        timing=stored.timing,
-        log=log,
-        details=stored.details,
-        verdict=verdict,
-    )
+    later = verdict.warnings if verdict else ()
+    as_stored = {
+        part.name: getattr(stored, part.name) for part in fields(Solution) if hasattr(stored, part.name)
+    }
+    read: dict[str, Any] = {
+        **as_stored,
+        "problem": problem,
+        "control": control,
+        "trajectory": arrays,
+        "iterations": [record.model_dump(exclude_unset=True) for record in stored.iterations],
+        "warnings": [warning for warning in stored.warnings if warning not in later],
+        "log": log,
+        "verdict": verdict,
+    }
+    return Solution(**read)
 
 
 def _verdict(stored: StoredSolution, verified: StoredVerdict, problem: PlanningProblem) -> Verdict:
     bounds, original = {bound.label: bound for bound in problem.bounds}, verified.original
-    reports = [
-        BoundReport(
-            bounds[label],
-            _number(r.worst),
-            _number(r.t),
-            tuple(r.component),
-            r.ok,
-            _number(r.value),
-            _number(r.allowed),
-        )
-        for label, r in stored.constraints.items()
-        if label in bounds
-    ]
-    return Verdict(
-        **verified.model_dump(exclude={"original", "reached_t"}),
-        reached=verified.reached_t,
-        original=Replay(original.error, original.reached_t, original.ok, original.agreement)
-        if original
-        else None,
-        crossings=[Crossing(c.which, c.t, c.state, c.returns, c.touches) for c in stored.crossings],
-        bounds=reports,
-    )
-
-
-def _number(value: float | None) -> float:
-    return math.nan if value is None else value
+    parts: dict[str, Any] = {
+        **dict(verified),
+        "original": Replay(**dict(original)) if original else None,
+        "crossings": [crossing.crossing() for crossing in stored.crossings],
+        "bounds": [BoundReport(bounds[k], **dict(r)) for k, r in stored.constraints.items() if k in bounds],
+    }
+    return Verdict(**parts)

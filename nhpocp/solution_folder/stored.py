@@ -1,10 +1,15 @@
-"""solution.json as pydantic models: what is read back, and of which type; further keys are ignored."""
+"""The parts of solution.json as pydantic models, by which they are written, and read back within bounds.
+
+A field is called as the attribute that it holds, and by its alias in the file; further keys are ignored.
+"""
 
 from __future__ import annotations
 
+from math import nan
 from typing import Annotated, Any, Self
 
 from pydantic import (
+    AfterValidator,
     BaseModel,
     ConfigDict,
     Field,
@@ -19,9 +24,11 @@ from nhpocp.errors import InvalidProblemError, UnreadableSolutionError, describe
 from nhpocp.objectives.registry import costs_of_motion
 from nhpocp.outcome import Outcome
 from nhpocp.problem_file.document import dotted
-from nhpocp.solution_folder.plain_data import SCHEMA_VERSION
+from nhpocp.solution import Crossing
 
+SCHEMA_VERSION = 1
 Duration = Annotated[float, Field(gt=0)]
+Known = Annotated[float | None, AfterValidator(lambda value: nan if value is None else value)]  # null is NaN
 
 
 class Stored(BaseModel):
@@ -29,10 +36,15 @@ class Stored(BaseModel):
 
     model_config = ConfigDict(strict=True, allow_inf_nan=False, frozen=True)
 
+    @classmethod
+    def written(cls, part: Any) -> dict[str, Any]:
+        """An object as the file has it; `plain_data.plain` makes JSON of that."""
+        return {field.alias or name: getattr(part, name) for name, field in cls.model_fields.items()}
+
 
 class StoredReplay(Stored):
     error: float | None
-    reached_t: float
+    reached: float = Field(alias="reached_t")
     ok: bool
     agreement: float | None
 
@@ -42,7 +54,7 @@ class StoredVerdict(Stored):
     ok: bool
     method: str
     reasons: list[str]
-    reached_t: float | None = None
+    reached: float | None = Field(default=None, alias="reached_t")
     original: StoredReplay | None
     rolling: float | None
     leg_rate: float | None
@@ -50,27 +62,32 @@ class StoredVerdict(Stored):
     trajectory_deviation: float | None
     warnings: list[str]
 
+    @classmethod
+    def written(cls, part: Any) -> dict[str, Any]:
+        original = part.original and StoredReplay.written(part.original)
+        return {**super().written(part), "original": original}
+
 
 class StoredCrossing(Stored):
     model_config = ConfigDict(extra="allow")
 
     which: str
-    t: float
+    time: float = Field(alias="t")
     returns: bool
     touches: bool = False  # folders of 0.1 know changes of sign alone
 
-    @property
-    def state(self) -> dict[str, Any]:
-        return dict(self.model_extra or {})
+    def crossing(self) -> Crossing:
+        known = {name: getattr(self, name) for name in type(self).model_fields}
+        return Crossing(**known, state=self.model_extra or {})
 
 
 class StoredBound(Stored):
-    worst: float | None
+    worst: Known
+    allowed: Known = nan  # folders of older versions have none
     ok: bool
-    t: float | None
-    component: list[int]
-    value: float | None = None
-    allowed: float | None = None  # folders of older versions have none
+    time: Known = Field(alias="t")
+    component: tuple[int, ...]
+    value: Known = nan
 
 
 class StoredRecord(Stored):
@@ -103,7 +120,7 @@ class StoredSolution(Stored):
     outcome: Outcome
     message: str
     warnings: list[str]
-    final_error: float | None
+    final_error: Known
     verified: StoredVerdict | None
     objective: str
     effort: float | None
@@ -162,6 +179,7 @@ _EXPECTED = {
     "list_type": "a list",
     "model_type": "a mapping",
     "string_type": "text",
+    "tuple_type": "a list",
 }
 
 

@@ -70,7 +70,7 @@ class OrientingPlatform(ParallelRobot):
         except InvalidProblemError as error:
             raise InvalidProblemError(error.message, path="system.r") from None
         self._set_legs([self._leg(0.0), self._leg(self.azimuth), ball])
-        self.output_blocks = (vector("u", 2, "length", rate=True), *self.output_blocks)
+        self.output_blocks = (vector("u", 2, "length", words="leg speed", rate=True), *self.output_blocks)
 
     def _leg(self, azimuth: float) -> Leg:
         c, s = cos(azimuth), sin(azimuth)

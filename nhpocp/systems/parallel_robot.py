@@ -135,7 +135,9 @@ class ParallelRobot(System):
         "start": {"position": [0, 0, 25], "orientation": {"rpy": [0, 0, "-30 deg"]}},
         "goal": {"position": [-0.4, -0.2, 30], "orientation": {"rpy": [0, 0, "-60 deg"]}},
     }
-    state_space = StateSpace([vector("position", 3, "length", symbol="p"), rotation("orientation")])
+    state_space = StateSpace(
+        [vector("position", 3, "length", symbol="p", words="position"), rotation("orientation")]
+    )
     legs: tuple[Leg, ...]
 
     def __init__(self, legs: Sequence[Leg | Mapping[str, Any]] | None = None) -> None:
@@ -154,7 +156,7 @@ class ParallelRobot(System):
             raise InvalidProblemError(_miscounted(self.legs, rows, self.motors), path="system.legs")
         free = sum(not leg.pinned for leg in self.legs)
         self.output_blocks: Sequence[Block] = (
-            vector("leg_lengths", free, "length", symbol="l", of_pose=True),
+            vector("leg_lengths", free, "length", symbol="l", words="leg length", of_pose=True),
             # the direction of the platform's z axis, base coordinates
             direction("platform_normal", of_pose=True),
         )

@@ -32,7 +32,9 @@ class RollingSphere(System):
         "goal": {"position": [0, 0], "orientation": {"rpy": [0, 0, "90 deg"]}},
         "control": {"harmonics": 2, "initial": [[0, 4, 0, 0, 0], [0, 0, 4, 0, 0]]},
     }
-    state_space = StateSpace([vector("position", 2, "length", symbol="p"), rotation("orientation")])
+    state_space = StateSpace(
+        [vector("position", 2, "length", symbol="p", words="position"), rotation("orientation")]
+    )
     contact: str
     radius: float
 

@@ -114,11 +114,12 @@ class ThreeUPU(ParallelRobot):
         if len(built) != 3:
             raise InvalidProblemError(f"{len(built)} legs; the 3-ŬPU robot has 3", path="system.legs")
         self._set_legs(built)
-        v, u = vector("v", 3, "angle", rate=True), vector("u", 3, "length", rate=True)
+        v = vector("v", 3, "angle", words="angular velocity", rate=True)
+        u = vector("u", 3, "length", words="leg speed", rate=True)
         control, other = (v, u) if form == "feedback" else (u, v)
         self.input_space = StateSpace([control])
         lengths, normal = self.output_blocks
-        angles = matrix("joint_angles", 3, 4, "angle", symbol=r"\theta", wraps=True)
+        angles = matrix("joint_angles", 3, 4, "angle", symbol=r"\theta", words="joint angle", wraps=True)
         self.output_blocks = (other, lengths, angles, normal)
 
     def parameters(self) -> dict[str, Any]:

@@ -58,7 +58,7 @@ def _asked(system: System, kind: str, ask: Any) -> Any:
     except NotImplementedError as error:
         words = f"{error}; write it: G(x), {system.state_space.dimension} × {system.input_space.size}"
         raise InvalidProblemError(words, path="system.model") from error
-    except Exception as error:
+    except Exception as error:  # foreign equations may raise anything
         hint = (
             "; they have to take symbols too: write xp = namespace(state) and xp.cos instead of math.cos or numpy.cos"
             if kind == "symbols"

@@ -21,7 +21,7 @@ from nhpocp.systems.numeric import NumericSystem
 from nhpocp.views import plots
 from nhpocp.views.finite_path import path_of
 from nhpocp.views.labels import axis_label, notation, symbol
-from nhpocp.views.panels import SPREAD, Curve, Panel, logarithmic, of_group, panels
+from nhpocp.views.panels import SPREAD, Curve, Panel, logarithmic, of_group, of_quantity, panels
 from nhpocp.views.records import accepted, column, positive
 from nhpocp.views.style import ALARM, COLOURS, COMPACT, PANEL, legend_above, line_style, say, trial_style
 
@@ -180,8 +180,8 @@ def _finish(axes: Any, solution: Solution, label: str, columns: int) -> None:
 
 def plot_broken(axes: Any, solution: Solution, report: BoundReport) -> None:
     """A bounded quantity along the path: the component that breaks its limit in colour, and where it is worst."""
-    every = [curve for panel in panels(solution) for curve in panel.until(_end(solution)).curves]
-    curves = [curve for curve in every if curve.name == report.bound.quantity]
+    shown = (panel.until(_end(solution)) for panel in panels(solution))
+    curves = of_quantity(shown, report.bound.quantity)
     component = _flat(solution, report)
     for i, curve in enumerate(curves):
         mine = i == component
@@ -257,12 +257,7 @@ def plot_ends(axes: Any, solution: Solution) -> None:
     bounds = [bound for bound in problem.bounds if bound.quantity not in problem.system.input_space.names]
     broken = [report for report in check_bounds(bounds, np.array([0.0, 1.0]), values) if not report.ok]
     if broken:
-        curves = [
-            curve
-            for panel in panels(both)
-            for curve in panel.curves
-            if curve.name == broken[0].bound.quantity
-        ]
+        curves = of_quantity(panels(both), broken[0].bound.quantity)
         _plot_pairs(axes, curves)
         axes.axhline(broken[0].value, **_THIN_ALARM, label=f"{broken[0].value:.4g}")
         _limits(axes, broken[0], [value for curve in curves for value in curve.values])

@@ -19,7 +19,6 @@ from nhpocp.solution import Solution
 from nhpocp.views import drawing, plots
 from nhpocp.views import failure as failures
 from nhpocp.views.finite_path import path_of, quantity
-from nhpocp.views.labels import axis_label
 from nhpocp.views.panels import Panel, crossing_words, margins_of, merged, of_group, panels
 from nhpocp.views.records import error_history
 from nhpocp.views.style import COLOURS, GREY, PANEL, axes_grid, line_style, say, sheet, styled
@@ -114,8 +113,8 @@ def _bare_path(solution: Solution) -> Figure:
     figure = Figure(figsize=(PANEL[0], PANEL[0]))
     if states:
         curves = merged(states).curves[:3]
-        names = [axis_label("", curve.symbol, curve.unit) for curve in curves]
-        drawing.plot_curves(figure, [np.column_stack([curve.values for curve in curves])], names, [{}])
+        shown = np.column_stack([curve.values for curve in curves])
+        drawing.plot_curves(figure, [shown], [curve.label for curve in curves], [{}])
     else:
         turned = quantity(solution, solution.problem.system.state_space.blocks[0].name, path)
         tips = [turned.reshape(-1, 3, 3)[:, :, i] for i in range(3)]

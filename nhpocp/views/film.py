@@ -21,7 +21,7 @@ from nhpocp.views import drawing, report_words
 from nhpocp.views.animation import MARKER, check_motions, same_system
 from nhpocp.views.finite_path import path_of
 from nhpocp.views.panels import crossing_times
-from nhpocp.views.scene import drawn
+from nhpocp.views.scene import drawn, ends_of
 from nhpocp.views.style import ALARM, COLOURS, GREY, sheet
 
 FRAMES, SECONDS, REST = 48, 4.8, 1.2  # of the motion, and how long its end stands still [s]
@@ -69,9 +69,8 @@ class _Shot:
     def of(cls, entry: Entry) -> _Shot:
         solution = entry.solution
         system, path = solution.problem.system, path_of(solution)
-        states, goal = drawing.states_of(solution, path), drawing.goal_pose(solution)
-        points = drawing.path_points(solution, path)
-        ends = [drawn(system, solution.problem.start_point), *([goal.drawing] if goal else [])]
+        states, points = drawing.states_of(solution, path), drawing.path_points(solution, path)
+        ends = list(ends_of(solution).values())
         some = [drawn(system, state) for state in (*states[::5], states[-1])]
         return cls(entry, path.times, states, points, ends, drawing.extent(*some, *ends, points=points))
 

@@ -12,9 +12,7 @@ from nhpocp.state_space import Unit, scalar
 from nhpocp.systems.margins import margin, sigma
 from nhpocp.systems.system import System
 
-_WORDS = {"position": "position", "leg_lengths": "leg length", "joint_angles": "joint angle"}
 LEGS = ("leg_lengths", "u")  # the quantities of legs
-_RATES_OF_LEGGED = {"u": "leg speed", "v": "angular velocity"}
 _UNITS = {"length": "length", "angle": "rad", "": ""}
 _GREEK = dict(
     zip(
@@ -46,11 +44,7 @@ def notation(system: System, name: str, *place: int) -> Notation:
     block = inputs.get(name) or blocks.get(name) or scalar(name)
     # the numbers of a unit vector are none of its angle
     unit = "" if block.kind == "direction" else unit_words(block.unit, block.rate or name in inputs)
-    words = _WORDS.get(name, "")
-    if name in inputs:
-        words = "control"
-    elif "leg_lengths" in blocks:
-        words = _RATES_OF_LEGGED.get(name, words)
+    words = "control" if name in inputs else block.words
     return Notation(words, symbol(block.symbol or name, *place), unit)
 
 

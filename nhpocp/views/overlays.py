@@ -179,7 +179,7 @@ def _plain_path(motions: Sequence[_Motion]) -> Overlay | None:
     # three numbers at one scale only where they have one unit
     some, most = (states, 3) if len(states[0][0].curves) > 1 else ([[merged(own)] for own in states], 2)
     shown = [own[0].curves[:most] for own in some]
-    names = [axis_label("", curve.symbol, curve.unit) for curve in shown[0]]
+    names = [curve.label for curve in shown[0]]
     if len(names) < 2:
         return None
     curves = [np.column_stack([curve.values for curve in own]) for own in shown]

@@ -40,6 +40,10 @@ class Curve:
     values: Array
     limits: tuple[float, ...] = ()
 
+    @property
+    def label(self) -> str:
+        return axis_label("", self.symbol, self.unit)
+
 
 @dataclass(frozen=True)
 class Mark:
@@ -120,6 +124,10 @@ def panels(solution: Solution) -> list[Panel]:
 
 def of_group(every: Iterable[Panel], *groups: str) -> list[Panel]:
     return [panel for panel in every if panel.group in groups]
+
+
+def of_quantity(every: Iterable[Panel], name: str) -> list[Curve]:
+    return [curve for panel in every for curve in panel.curves if curve.name == name]
 
 
 def merged(some: Sequence[Panel]) -> Panel:

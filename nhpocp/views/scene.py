@@ -42,6 +42,13 @@ def drawn(system: System, state: Array) -> Mapping[str, Any]:
     return {"lines": axes, "points": {}, "trace": turned[:, 2]}
 
 
+def ends_of(solution: Solution) -> dict[str, Mapping[str, Any]]:
+    """The drawings of the start and, where it fixes the whole state, of the goal."""
+    problem, goal = solution.problem, drawing.goal_pose(solution)
+    ends = {"start": drawn(problem.system, problem.start_point)}
+    return ends | ({"goal": drawn(problem.system, problem.goal_point)} if goal else {})
+
+
 def scene(solution: Solution, most: int) -> dict[str, Any]:
     """Plain data of one run's scene: times, parts, trace, ghosts, crossings, and the corners of a box around all.
 
@@ -56,13 +63,11 @@ def scene(solution: Solution, most: int) -> dict[str, Any]:
         points = drawing.path_points(solution, path_of(solution))
         trace = points[chosen] if len(points) else None
     moving = {name for name in frames[0]["lines"] if len(_along(frames, _line(name))) > 1}
-    ends = [("start", drawn(system, solution.problem.start_point))]
-    if set(solution.problem.goal) == set(system.state_space.names):
-        ends.append(("goal", drawn(system, solution.problem.goal_point)))
-    ghosts = [{"words": words, "outlines": _outlines(end, moving)} for words, end in ends]
+    ends = ends_of(solution)
+    ghosts = [{"words": words, "outlines": _outlines(end, moving)} for words, end in ends.items()]
     if trace is not None:
         trace = _held(trace)
-    low, high = _box([*frames, *(end for _, end in ends)], trace)
+    low, high = _box([*frames, *ends.values()], trace)
     grain = DIGITS - int(np.floor(np.log10(max(float((high - low).max()), 1e-9))))
     for part in parts:
         values, exact = part.pop("values"), part.pop("exact", False)

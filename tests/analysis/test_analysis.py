@@ -14,7 +14,8 @@ from nhpocp.analysis.slices import Span, chosen
 from nhpocp.analysis_folder import save_analysis
 from nhpocp.controls.fourier import Fourier
 from nhpocp.errors import InvalidProblemError
-from nhpocp.problem import Horizon, PlanningProblem
+from nhpocp.horizon import Horizon
+from nhpocp.problem import PlanningProblem
 from nhpocp.problem_file import load_problem
 from nhpocp.solution_folder import plain
 from nhpocp.solution_folder.target import ANALYSIS_PICTURES
@@ -211,8 +212,7 @@ def test_the_map_may_go_through_a_pose_of_the_path():
 
 
 def test_public_names():
-    assert nhpocp.analyze is analyze
-    assert isinstance(analyze(paper_problem(), degree=2), nhpocp.Analysis)
+    assert isinstance(nhpocp.analyze(paper_problem(), degree=2), nhpocp.Analysis)
 
 
 # --- pictures and files -----------------------------------------------------------------------------------------------

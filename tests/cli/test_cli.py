@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from nhpocp import planning, verification
-from nhpocp.cli import verbs
+from nhpocp.cli import solving, verbs
 from nhpocp.cli.entry import status
 from nhpocp.outcome import Outcome
 from nhpocp.solution_folder import load_solution
@@ -206,7 +206,7 @@ def test_every_ending_is_reported_in_words_and_in_json(outcome, tmp_path, capsys
 
 def test_a_report_needs_neither_times_nor_a_verdict(solved, capsys):
     solution = load_solution(solved[0])
-    verbs.report(replace(solution, verdict=None, timing={}), Path("out"))
+    solving.report(replace(solution, verdict=None, timing={}), Path("out"))
     said = capsys.readouterr().out
     assert "build" not in said
     assert "effort" in said
@@ -385,11 +385,13 @@ def test_check_names_every_file(tmp_path):
 
 
 def test_check_stays_light(tmp_path):
-    """What keeps `check` and --help quick: no CasADi, SciPy or Matplotlib, and for --help no NumPy."""
+    """What keeps `check` and --help quick: no CasADi, SciPy or Matplotlib, for --help no NumPy, for `check` no other
+    verb."""
     light = {"casadi", "scipy", "matplotlib"}
+    others = {f"nhpocp.cli.{verb}" for verb in ("analyzing", "animating", "listing", "solving", "starting")}
     for arguments, absent in (
         (["--help"], light | {"numpy"}),
-        (["check", str(PROBLEMS / "paper.yaml")], light),
+        (["check", str(PROBLEMS / "paper.yaml")], light | others | {"nhpocp.whole"}),
     ):
         code = (
             "import sys; sys.argv[1:] = " + repr(arguments) + "\n"
@@ -473,11 +475,11 @@ SOLVE = ["solve", str(PROBLEMS / "paper.yaml"), *FAST]
     [
         (planning, "solve", 1, "interrupted"),  # before the first evaluation
         (planning, "verify", 1, "converged"),
-        (verbs, "_write", 3, "converged"),
+        (solving, "_write", 3, "converged"),
         (figures, "write_pictures", 3, "converged"),
         (np, "savez_compressed", 3, "converged"),
         (shutil, "rmtree", 3, "converged"),  # as the last thing, when the folder is in its place
-        (verbs, "report", 3, "converged"),
+        (solving, "report", 3, "converged"),
     ],
 )
 def test_ctrl_c_at_any_stage_leaves_a_folder(room, name, times, outcome, tmp_path, monkeypatch, capsys):

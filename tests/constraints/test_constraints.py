@@ -6,7 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nhpocp.constraints.bound import Bound, check_bounds
-from nhpocp.problem import Horizon, PlanningProblem
+from nhpocp.horizon import Horizon
+from nhpocp.problem import PlanningProblem
 from nhpocp.systems.three_upu import ThreeUPU
 
 LAW = settings(max_examples=50, deadline=None, derandomize=True)
@@ -57,14 +58,7 @@ def test_the_worst_component_and_time_are_named():
     (report,) = check_bounds([Bound("leg_length", "l", -1, 1)], TIMES, {"l": values})
     assert (report.worst, report.time, report.component, report.ok) == (3, 0.75, (1, 0), False)
     assert report.describe() == "leg_length[1][0] is -4 at t=0.75, outside [-1, 1]"
-    assert report.to_json() == {
-        "worst": 3,
-        "ok": False,
-        "t": 0.75,
-        "component": [1, 0],
-        "value": -4,
-        "allowed": 0.001,
-    }
+    assert (report.value, report.allowed) == (-4, 0.001)
 
 
 def test_a_scalar_quantity_has_no_component():

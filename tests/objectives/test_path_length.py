@@ -13,9 +13,10 @@ from nhpocp.constraints.bound import Bound
 from nhpocp.flow.compiled.kernels import Interpreted
 from nhpocp.flow.cost_map import cost_map
 from nhpocp.flow.integrators import RungeKutta4
+from nhpocp.horizon import Horizon
 from nhpocp.objectives.path_length import PathLength
 from nhpocp.outcome import Outcome
-from nhpocp.problem import Horizon, PlanningProblem
+from nhpocp.problem import PlanningProblem
 from nhpocp.problem_file.building import build_solver
 from nhpocp.problem_file.registry import SYSTEMS, system_class
 from nhpocp.solvers.nlp.guesses import ProblemGuess, make_guess

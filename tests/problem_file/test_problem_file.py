@@ -21,7 +21,8 @@ from nhpocp.constraints.bound import Bound, check_bounds
 from nhpocp.controls.fourier import Fourier
 from nhpocp.errors import InvalidProblemError
 from nhpocp.flow.integrators import Cvodes
-from nhpocp.problem import Horizon, PlanningProblem
+from nhpocp.horizon import Horizon
+from nhpocp.problem import PlanningProblem
 from nhpocp.problem_file import (
     build,
     build_solver,

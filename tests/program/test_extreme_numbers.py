@@ -16,9 +16,10 @@ from nhpocp.cli.analyzing import _path_lines
 from nhpocp.cli.entry import status
 from nhpocp.controls.fourier import Fourier
 from nhpocp.errors import InvalidProblemError
+from nhpocp.horizon import Horizon
 from nhpocp.objectives.registry import OBJECTIVES
 from nhpocp.outcome import Outcome
-from nhpocp.problem import Horizon, PlanningProblem
+from nhpocp.problem import PlanningProblem
 from nhpocp.problem_file import load_problem
 from nhpocp.scales import Scales
 from nhpocp.solution import Crossing

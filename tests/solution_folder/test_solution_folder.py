@@ -9,7 +9,7 @@ import shutil
 import signal
 import tracemalloc
 import zipfile
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import ClassVar
 
@@ -18,11 +18,12 @@ import pytest
 
 from nhpocp import planning
 from nhpocp.comparison_folder import load_comparison, solution_folders
-from nhpocp.constraints.bound import Bound
+from nhpocp.constraints.bound import Bound, BoundReport
 from nhpocp.errors import InvalidProblemError, UnreadableSolutionError
 from nhpocp.outcome import Outcome
 from nhpocp.problem_file import load_problem
 from nhpocp.provenance import environment
+from nhpocp.solution import Crossing, Replay, Verdict
 from nhpocp.solution_folder import (
     check_target,
     load_solution,
@@ -34,6 +35,7 @@ from nhpocp.solution_folder import (
     writing,
 )
 from nhpocp.solution_folder.reading import LARGEST_FILE, read_arrays
+from nhpocp.solution_folder.stored import StoredBound, StoredCrossing, StoredReplay, StoredVerdict
 from nhpocp.solution_folder.target import DATA, PICTURES
 from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.step_rules import Euler
@@ -665,3 +667,25 @@ def test_files_larger_than_any_solution_are_refused(folder):
         with (folder / name).open("r+b" if name != "solver.log" else "wb") as file:
             file.truncate(LARGEST_FILE + 1)
         refused(folder, name, "larger than 200 MB")
+
+
+@pytest.mark.parametrize(
+    ("stored", "kind", "elsewhere"),
+    [
+        (StoredReplay, Replay, set()),
+        (StoredVerdict, Verdict, {"crossings", "bounds"}),
+        (StoredCrossing, Crossing, {"state"}),
+        (StoredBound, BoundReport, {"bound"}),
+    ],
+)
+def test_what_is_stored_of_a_verdict_is_all_of_it(stored, kind, elsewhere):
+    assert set(stored.model_fields) == {part.name for part in fields(kind)} - elsewhere
+
+
+def test_numbers_that_are_none_are_null_in_the_file_and_nan_again():
+    report = BoundReport(Bound("b", "q", 0.0, 1.0), math.nan, 0.5, (1, 0), False)
+    written = json.dumps(plain(StoredBound.written(report)))
+    read = BoundReport(report.bound, **dict(StoredBound.model_validate_json(written)))
+    assert json.loads(written)["worst"] is None
+    assert (read.time, read.component, read.ok) == (0.5, (1, 0), False)
+    assert all(math.isnan(value) for value in (read.worst, read.value, read.allowed))

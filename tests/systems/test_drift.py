@@ -15,10 +15,12 @@ import nhpocp
 from nhpocp import so3
 from nhpocp.constraints.bound import Bound
 from nhpocp.flow.simulation import simulate
+from nhpocp.horizon import Horizon
 from nhpocp.outcome import Outcome
-from nhpocp.problem import Horizon, PlanningProblem, Via
+from nhpocp.problem import PlanningProblem
 from nhpocp.problem_file.building import build_solver
 from nhpocp.solvers.nlp.guesses import StraightGuess
+from nhpocp.via import Via
 from tests.conftest import Turntable
 from tests.ferry import Ferry
 

@@ -19,8 +19,9 @@ from nhpocp.controls.fourier import Fourier
 from nhpocp.controls.legendre import Legendre
 from nhpocp.controls.piecewise_constant import PiecewiseConstant
 from nhpocp.flow.compiled.kernels import Compiled, Interpreted
+from nhpocp.horizon import Horizon
 from nhpocp.outcome import Outcome
-from nhpocp.problem import Horizon, PlanningProblem
+from nhpocp.problem import PlanningProblem
 from nhpocp.problem_file import control_from_json, registry
 from nhpocp.problem_file.building import build_solver
 from nhpocp.solvers.nlp.fatrop import Fatrop

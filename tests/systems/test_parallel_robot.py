@@ -227,7 +227,7 @@ def test_goals_may_not_fix_what_never_changes():
     ) as caught:
         PlanningProblem(system=ParallelRobot.preset("braced"), start=START, goal=START)
     assert caught.value.path == "goal"
-    via = [nhpocp.problem.Via(0.5, START)]
+    via = [nhpocp.Via(0.5, START)]
     with pytest.raises(InvalidProblemError, match="fixes 6 numbers") as caught:
         PlanningProblem(
             system=ParallelRobot.preset("braced"), start=START, goal={"position": [0, 0, 26]}, via=via

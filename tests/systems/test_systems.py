@@ -361,7 +361,7 @@ def test_a_compiled_kernel_gives_the_same_numbers(problem, monkeypatch):
     [
         ("heisenberg", {"scale": 0}, "system.scale", "0 leaves z where it is"),
         ("heisenberg", {"scale": float("nan")}, "system.scale", "finite"),
-        ("heisenberg", {"scale": "1"}, "system.scale", "finite"),
+        ("heisenberg", {"scale": "1"}, "system.scale", "expected a number, got the text"),
         ("rolling_sphere", {"radius": -1}, "system.radius", "> 0"),
         ("rolling_sphere", {"contact": "glue"}, "system.contact", "none of rubber, marble"),
         ("unicycle", {"wheel": 1}, "system.wheel", "unicycle has none"),

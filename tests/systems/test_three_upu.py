@@ -452,8 +452,8 @@ LEG = {"base": (30, 0, 0), "platform": (15, 0, 0), "r": (0, 0, 1), "w4": (1, 0, 
 @pytest.mark.parametrize(
     ("parameters", "words"),
     [
-        ({"base_radius": 0}, "base_radius.*not positive"),
-        ({"platform_radius": -3}, "platform_radius.*not positive"),
+        ({"base_radius": 0}, "base_radius.*> 0"),
+        ({"platform_radius": -3}, "platform_radius.*> 0"),
         ({"base_radius": np.nan}, "base_radius.*finite"),
         ({"platform_radius": np.inf}, "platform_radius.*finite"),
         ({"roller_tilt": np.nan}, "roller_tilt.*finite"),

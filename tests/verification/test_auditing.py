@@ -16,9 +16,9 @@ from nhpocp.comparison_folder import load_comparison
 from nhpocp.constraints.bound import Bound
 from nhpocp.controls.control import Control
 from nhpocp.errors import UnreadableSolutionError
+from nhpocp.horizon import Horizon
 from nhpocp.objectives.registry import costs_of_motion
 from nhpocp.outcome import Outcome
-from nhpocp.problem import Horizon
 from nhpocp.problem_file import parse_problem, starter
 from nhpocp.problem_file.registry import SYSTEMS
 from nhpocp.solution_folder import audit, load_solution, save_solution

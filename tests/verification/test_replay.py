@@ -18,7 +18,8 @@ from nhpocp.controls.legendre import Legendre
 from nhpocp.controls.piecewise_constant import PiecewiseConstant
 from nhpocp.controls.projection import project
 from nhpocp.controls.sequence import SequenceBasis
-from nhpocp.problem import Horizon, PlanningProblem
+from nhpocp.horizon import Horizon
+from nhpocp.problem import PlanningProblem
 from nhpocp.state_space import StateSpace, scalar
 from nhpocp.systems.free_nilpotent_36 import FreeNilpotent36
 from nhpocp.systems.heisenberg import Heisenberg

@@ -16,7 +16,7 @@ from nhpocp.controls.control import Control
 from nhpocp.controls.fourier import Fourier
 from nhpocp.controls.piecewise_constant import PiecewiseConstant
 from nhpocp.outcome import Outcome
-from nhpocp.problem import PlanningProblem, Via
+from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Solution
 from nhpocp.state_space import StateSpace, scalar
 from nhpocp.systems.joints import Row
@@ -26,6 +26,7 @@ from nhpocp.systems.system import System
 from nhpocp.systems.three_upu import ThreeUPU
 from nhpocp.verification import verify
 from nhpocp.verification.replay import Watch
+from nhpocp.via import Via
 
 START = {"position": [0, 0, 25], "orientation": so3.from_rpy(np.array([0, 0, -np.pi / 6]))}
 GOAL = {"position": [-0.4, -0.2, 35], "orientation": so3.from_rpy(np.array([0, 0, -np.pi / 2]))}

@@ -21,13 +21,14 @@ from nhpocp.constraints.bound import Bound, check_bounds
 from nhpocp.controls.control import Control
 from nhpocp.controls.fourier import Fourier
 from nhpocp.outcome import Outcome
-from nhpocp.problem import PlanningProblem, Via
+from nhpocp.problem import PlanningProblem
 from nhpocp.problem_file import load_problem
 from nhpocp.solution import Crossing, Solution, Verdict
 from nhpocp.state_space import StateSpace, rotation, scalar, vector
 from nhpocp.systems.numeric import NumericSystem
 from nhpocp.systems.system import System
 from nhpocp.systems.three_upu import ThreeUPU
+from nhpocp.via import Via
 from nhpocp.views import drawing, panels
 from nhpocp.views.figures import FIGURES, write_pictures
 from nhpocp.views.finite_path import path_of

@@ -17,10 +17,11 @@ from nhpocp.declared import whole_number
 from nhpocp.deferred import Deferred
 from nhpocp.errors import OrientationAtPiError, expect
 from nhpocp.flow.integrators import RungeKutta4
+from nhpocp.horizon import Horizon
 from nhpocp.interruption import STOPPED, Interruption
 from nhpocp.objectives.registry import OBJECTIVES
 from nhpocp.outcome import Outcome
-from nhpocp.problem import Horizon, PlanningProblem
+from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Progress, Solution, telling
 from nhpocp.solvers.continuation.confirmation import begun_from, confirmed, end_of
 from nhpocp.solvers.continuation.continuation import Continuation

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass, is_dataclass
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar
 
@@ -98,8 +98,7 @@ class GeneralizedInverse(Constructed):
     looks_along: ClassVar[bool] = False  # whether `metric` is asked
 
     def __post_init__(self) -> None:
-        if is_dataclass(self):
-            check(self)
+        check(self)
 
     def metric(self, path: LinearisedPath) -> Array | None:
         """The factor, as of a `Metric`, of an inverse that measures δλ by what it does to the whole path; else None."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, is_dataclass
+from dataclasses import dataclass
 from math import inf, log, log1p
 from typing import Any, ClassVar
 
@@ -28,8 +28,7 @@ class StepRule(Constructed):
     evaluations: ClassVar[int] = 1  # that an update takes; trials that are refused count besides
 
     def __post_init__(self) -> None:
-        if is_dataclass(self):
-            check(self)
+        check(self)
 
     @abstractmethod
     def updates(self, here: Evaluation, evaluate: Evaluate) -> Iterator[Evaluation]:

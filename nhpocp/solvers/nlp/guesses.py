@@ -19,8 +19,9 @@ from nhpocp.flow.dynamics import Dynamics
 from nhpocp.flow.end_point_map import DifferentiatedEndPointMap
 from nhpocp.flow.integrators import RungeKutta4
 from nhpocp.flow.step_error import resolving
+from nhpocp.horizon import Horizon
 from nhpocp.outcome import Outcome
-from nhpocp.problem import Horizon, PlanningProblem
+from nhpocp.problem import PlanningProblem
 from nhpocp.provenance import afford
 from nhpocp.solution import Solution, Solver
 from nhpocp.solvers.continuation.initial_control import seeded_start

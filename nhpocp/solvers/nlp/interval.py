@@ -15,11 +15,12 @@ from nhpocp.constraints.bound import Bound, bound_rows
 from nhpocp.controls.basis import ControlBasis
 from nhpocp.controls.piecewise_constant import PiecewiseConstant
 from nhpocp.flow.shot import Shot, part
+from nhpocp.horizon import Horizon
 from nhpocp.kept import kept
 from nhpocp.objectives.objective import ControlObjective, PathObjective
 from nhpocp.objectives.registry import OBJECTIVES
-from nhpocp.problem import Horizon, PlanningProblem
-from nhpocp.solvers.nlp.task_rows import TaskRows, basis_table, stage_times
+from nhpocp.problem import PlanningProblem
+from nhpocp.solvers.nlp.task_rows import TaskRows, basis_table, stage_knots
 from nhpocp.state_space import StateSpace
 from nhpocp.systems.numeric import numeric_system
 from nhpocp.systems.system import System
@@ -143,14 +144,15 @@ class Interval:
         space, size = self.system.state_space, self.basis.size if self.basis else 0
         w, here = ca.SX.sym("w", self.nodes + self.controls), ca.SX.sym("here", space.size)
         z, s = w[: self.dimension, :], w[self.dimension :, :]
-        fractions = stage_times(offset, self.steps)
+        knots, tableau = stage_knots(offset, self.steps), self.shot.tableau
+        fractions = tableau.times(knots)
         tables = ca.SX.sym("phi", size, len(fractions))
         phi = ca.horzsplit(tables)
         length = (1.0 if self.free_horizon else self.kind.horizon.fixed) / intervals
         y = self.shot.opened(z, s, ca.vertcat(here, here, 0, 0, units), phi[0])
-        for j in range(0, len(fractions) - 1, 2):
-            constants = ca.vertcat(here, here, length, (fractions[j + 2] - fractions[j]) * length, units)
-            y = self.shot.step(y, s, constants, phi[j : j + 3])
+        for j, step in enumerate(np.diff(knots)):
+            constants = ca.vertcat(here, here, length, step * length, units)
+            y = self.shot.step(y, s, constants, phi[tableau.samples(j) - 1 : tableau.samples(j + 1)])
         parameters = [reference]
         if self.basis:
             parameters.append(basis_table(self.basis, (stage + fractions) / intervals).ravel())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Protocol
 
 import casadi as ca
@@ -81,7 +81,7 @@ class Optimizer(Protocol):
 
 def optimum(
     programme: Programme,
-    solution: Mapping[str, ca.DM],
+    solution: Mapping[str, Any],
     stats: Mapping[str, Any],
     outcome: Outcome,
     status: str,
@@ -122,16 +122,7 @@ def iteration(history: Mapping[str, Sequence[float]], k: int) -> dict[str, Any]:
 
 def failed(programme: Programme, start: Array, error: Exception) -> Optimum:
     """What is left where an optimizer raised: the start."""
-    objective, constraints = programme.functions["nlp"](start, [])
-    return Optimum(
-        x=np.asarray(start),
-        objective=float(objective),
-        multipliers=np.zeros(len(programme.lower)),
-        constraints=np.array(constraints).ravel(),
-        outcome=Outcome.SOLVER_ERROR,
-        status=f"an error ({str(error).strip().splitlines()[-1]})",
-        iterations=[{"k": 0, "error": None, "objective": float(objective)}],
-        evaluations=0,
-        log=str(error),
-        cut_back=0,
-    )
+    left = {"x": start, "lam_g": np.zeros(len(programme.lower))}
+    status = f"an error ({str(error).strip().splitlines()[-1]})"
+    counts = {"n_call_nlp_g": 0}
+    return replace(optimum(programme, left, counts, Outcome.SOLVER_ERROR, status, 0, str(error)), cut_back=0)

@@ -55,16 +55,10 @@ def place(fraction: float, intervals: int) -> tuple[int, float]:
     return int(position), position - int(position)
 
 
-def stage_times(offset: float, steps: int) -> Array:
-    """Start, middle and end of every step that leads to ``offset`` in an interval of ``steps``, the last cut short.
-
-    (2 n + 1,): fractions of the interval; the end of one step is the start of the next.
-    """
-    whole = int(offset * steps + 1e-9)
-    knots = np.arange(whole + 1) / steps
-    if offset - knots[-1] > 1e-9:
-        knots = np.append(knots, offset)
-    return np.sort(np.concatenate([knots, 0.5 * (knots[:-1] + knots[1:])]))
+def stage_knots(offset: float, steps: int) -> Array:
+    """Ends of the steps that lead to ``offset`` in an interval of ``steps``, the last cut short; from 0, fractions."""
+    knots = np.arange(int(offset * steps + 1e-9) + 1) / steps
+    return np.append(knots, offset) if offset - knots[-1] > 1e-9 else knots
 
 
 def basis_table(basis: ControlBasis, times: Sequence[float] | Array) -> Array:

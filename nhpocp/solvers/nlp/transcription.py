@@ -164,11 +164,9 @@ class Transcription(ABC):
         columns = [np.array([self.interval.constants(*pair, self.intervals, self.units) for pair in pairs]).T]
         if self.basis:
             edges = np.linspace(0.0, 1.0, self.intervals + 1)
-            fractions = np.linspace(0.0, 1.0, 2 * self.steps + 1)
-            tables = []
-            for low, high in pairwise(edges):
-                tables.append(basis_table(self.basis, low + (high - low) * fractions).ravel())
-            columns.append(np.array(tables).T)
+            fractions = self.interval.shot.tableau.times(np.linspace(0.0, 1.0, self.steps + 1))
+            seen = [low + (high - low) * fractions for low, high in pairwise(edges)]
+            columns.append(np.array([basis_table(self.basis, times).ravel() for times in seen]).T)
         return np.vstack(columns)
 
     def _stated(self, k: int) -> list[Row]:

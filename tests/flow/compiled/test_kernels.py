@@ -28,7 +28,8 @@ from nhpocp.flow.end_point_map import DifferentiatedEndPointMap
 from nhpocp.flow.integrators import RungeKutta4
 from nhpocp.flow.runge_kutta import Ends, scheme
 from nhpocp.flow.tableau import CLASSICAL
-from nhpocp.problem import Horizon, PlanningProblem
+from nhpocp.horizon import Horizon
+from nhpocp.problem import PlanningProblem
 from nhpocp.problem_file import load_problem, parse_problem
 from nhpocp.problem_file.registry import SYSTEMS
 from nhpocp.problem_file.starters import starter

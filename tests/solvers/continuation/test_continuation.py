@@ -12,8 +12,9 @@ from nhpocp.errors import InvalidProblemError
 from nhpocp.flow.end_point_map import VariationalEndPointMap
 from nhpocp.flow.integrators import CasadiRungeKutta, Cvodes, RungeKutta4
 from nhpocp.flow.simulation import simulate
+from nhpocp.horizon import Horizon
 from nhpocp.outcome import Outcome
-from nhpocp.problem import Horizon, PlanningProblem
+from nhpocp.problem import PlanningProblem
 from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.continuation_result import MISSED
 from nhpocp.solvers.continuation.generalized_inverses import Damped, Transpose

@@ -10,13 +10,13 @@ from nhpocp.errors import InvalidProblemError
 from nhpocp.flow.end_point_map import DifferentiatedEndPointMap, VariationalEndPointMap
 from nhpocp.flow.integrators import CasadiRungeKutta, RungeKutta4
 from nhpocp.flow.variational import VariationalEquations
-from nhpocp.problem import Via
 from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.end_point_error import EndPointError
 from nhpocp.solvers.continuation.evaluation import Evaluator
 from nhpocp.solvers.continuation.generalized_inverses import Damped, Lagrangian, MoorePenrose, Transpose
 from nhpocp.solvers.continuation.step_rules import Adaptive, Euler
 from nhpocp.solvers.metrics import CoefficientMetric, Coordinates, L2Metric, WeightedMetric
+from nhpocp.via import Via
 from tests.conftest import paper_problem
 
 RANDOM = np.random.default_rng(3)

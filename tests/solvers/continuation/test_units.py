@@ -10,8 +10,9 @@ import pytest
 from nhpocp import planning, so3
 from nhpocp.constraints.bound import Bound
 from nhpocp.controls.fourier import Fourier
+from nhpocp.horizon import Horizon
 from nhpocp.outcome import Outcome
-from nhpocp.problem import Horizon, PlanningProblem, Via
+from nhpocp.problem import PlanningProblem
 from nhpocp.solvers.continuation.auto import Auto
 from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.generalized_inverses import Lagrangian
@@ -24,6 +25,7 @@ from nhpocp.systems.rolling_sphere import RollingSphere
 from nhpocp.systems.three_upu import ThreeUPU
 from nhpocp.systems.unicycle import Unicycle
 from nhpocp.verification import verify
+from nhpocp.via import Via
 from tests.conftest import PAPER_START, yaw
 
 UNITS = [pair for pair in product((1.0, 1e-3, 1e3), repeat=2) if pair != (1.0, 1.0)]

@@ -8,8 +8,9 @@ import pytest
 from nhpocp.controls.fourier import Fourier
 from nhpocp.controls.piecewise_constant import PiecewiseConstant
 from nhpocp.controls.projection import project
+from nhpocp.horizon import Horizon
 from nhpocp.outcome import Outcome
-from nhpocp.problem import Horizon, PlanningProblem
+from nhpocp.problem import PlanningProblem
 from nhpocp.solvers.continuation.continuation import Continuation, Euler
 from nhpocp.solvers.nlp.guesses import (
     NoGuessError,

@@ -13,8 +13,9 @@ from nhpocp.constraints.bound import Bound
 from nhpocp.controls.fourier import Fourier
 from nhpocp.controls.projection import project
 from nhpocp.errors import InvalidProblemError
+from nhpocp.horizon import Horizon
 from nhpocp.outcome import Outcome
-from nhpocp.problem import Horizon, PlanningProblem
+from nhpocp.problem import PlanningProblem
 from nhpocp.solvers.continuation.continuation import Continuation, Euler
 from nhpocp.solvers.nlp.fatrop import Fatrop
 from nhpocp.solvers.nlp.guesses import ProblemGuess, SolverGuess, StraightGuess

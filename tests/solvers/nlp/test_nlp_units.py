@@ -6,7 +6,8 @@ import pytest
 from nhpocp import planning
 from nhpocp.constraints.bound import Bound
 from nhpocp.flow.compiled.kernels import Interpreted
-from nhpocp.problem import Horizon, PlanningProblem
+from nhpocp.horizon import Horizon
+from nhpocp.problem import PlanningProblem
 from nhpocp.solvers.nlp.ipopt import Ipopt
 from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting
 from nhpocp.systems.three_upu import ThreeUPU

@@ -7,8 +7,8 @@ from nhpocp.constraints.bound import Bound
 from nhpocp.controls.fourier import Fourier
 from nhpocp.errors import InvalidProblemError
 from nhpocp.flow.compiled.kernels import Interpreted
+from nhpocp.horizon import Horizon
 from nhpocp.outcome import Outcome
-from nhpocp.problem import Horizon
 from nhpocp.solvers.nlp.fatrop import Fatrop
 from nhpocp.solvers.nlp.guesses import ProblemGuess, make_guess
 from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting

@@ -11,12 +11,13 @@ from nhpocp.controls.control import Control
 from nhpocp.controls.fourier import Fourier
 from nhpocp.controls.piecewise_constant import PiecewiseConstant
 from nhpocp.flow.compiled.kernels import Interpreted
-from nhpocp.problem import Horizon, Via
+from nhpocp.horizon import Horizon
 from nhpocp.solvers.nlp.guesses import ProblemGuess, follow, make_guess
 from nhpocp.solvers.nlp.single_shooting import SingleShooting
 from nhpocp.solvers.nlp.staged_transcription import StagedTranscription
 from nhpocp.solvers.nlp.transcription import Guess
 from nhpocp.systems.numeric import NumericSystem
+from nhpocp.via import Via
 from tests.conftest import paper_problem, yaw
 
 INTERVALS = 3

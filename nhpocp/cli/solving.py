@@ -1,0 +1,184 @@
+"""The verbs `solve` and `compare`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from nhpocp.cli.exit_status import NOT_SOLVED, SOLVED
+from nhpocp.cli.options import json_option, load, set_option
+from nhpocp.cli.progress import progress
+from nhpocp.cli.summary import comparison_lines, report, task
+from nhpocp.cli.terminal import put, say, visible
+from nhpocp.solvers.registry import SOLVERS
+
+if TYPE_CHECKING:
+    from nhpocp.comparison import Comparison, Entry
+    from nhpocp.interruption import Interruption
+    from nhpocp.solution import Solution
+
+DRAWING = {"k": None, "error": None, "stage": "drawing"}
+
+
+@click.command()
+@click.argument("file", type=click.Path(path_type=Path))
+@click.option("--solver", type=click.Choice(list(SOLVERS)), default="jacobian", show_default=True)
+@set_option
+@click.option("--trace", is_flag=True, help="Write the iterations to iterations.csv in the solution folder.")
+@click.option("-o", "--output", type=click.Path(path_type=Path), help="The solution folder itself.")
+@json_option
+def solve(
+    file: Path, solver: str, overrides: tuple[str, ...], trace: bool, output: Path | None, as_json: bool
+) -> int:
+    """Solve FILE, verify the result, write a solution folder."""
+    with _keeping() as interruption:
+        from nhpocp.solution_folder import check_target, folder_name, to_json
+
+        problem = load(file, overrides)
+        folder = output or Path("results") / folder_name(problem.name) / solver
+        check_target(folder)
+        interruption.check()  # nothing to keep yet; from here on the solver answers to Ctrl-C
+
+        from nhpocp import planning
+
+        with progress(as_json, f"{problem.name} by {solver}") as show:
+            solution = planning.solve(problem, problem.solvers[solver], show)
+            interruption.patient = True
+            if show and problem.pictures:
+                show(DRAWING)
+            solution = _write(solution, folder, trace)
+        if as_json:
+            put({**to_json(solution), "folder": str(folder)})
+        else:
+            report(solution, folder, task(file, overrides))
+    return SOLVED if solution.converged else NOT_SOLVED
+
+
+@contextmanager
+def _keeping() -> Iterator[Interruption]:
+    """Ctrl-C is noted and kept for the solver, whatever is running."""
+    from nhpocp.interruption import Interruption
+
+    with Interruption() as interruption:
+        yield interruption
+
+
+def _write(solution: Solution, folder: Path, trace: bool = False) -> Solution:
+    """The solution folder, with pictures if the problem asks for them, and the iterations if the user does.
+
+    The solution as it is stored.
+    """
+    from nhpocp.solution_folder import store_solution
+
+    return store_solution(solution, folder, _pictures if solution.problem.pictures else None, trace=trace)
+
+
+def _pictures(solution: Solution, folder: Path) -> None:
+    from nhpocp.views.figures import write_pictures  # once the numbers are written: loading takes its time
+
+    write_pictures(solution, folder)
+
+
+@click.command(epilog="Exit status: 0 if every run is solved and verified, else 1.")
+@click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="FILE...|DIR...")
+@click.option(
+    "--from", "stored", is_flag=True, help="The arguments are solution folders: write the report again."
+)
+@click.option(
+    "--variant",
+    "variants",
+    multiple=True,
+    metavar="SOLVER:KEY=VALUE,...",
+    help="One more run on every file, such as nlp:control=basis; repeatable.",
+)
+@set_option
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path),
+    default=Path("results"),
+    show_default=True,
+    help="Where the report and the solutions go.",
+)
+@json_option
+def compare(
+    files: tuple[Path, ...],
+    stored: bool,
+    variants: tuple[str, ...],
+    overrides: tuple[str, ...],
+    output: Path,
+    as_json: bool,
+) -> int:
+    """Solve every FILE by both methods; compare them.
+
+    Writes report.html, comparison.csv, comparison.json, a solution folder for every run, and
+    NAME/animation.html with the motions of each problem.
+    """
+    if stored and (variants or overrides):
+        raise click.UsageError("--from solves nothing: leave out --variant and --set")
+    with _keeping() as interruption:
+        from nhpocp.comparison_folder import load_comparison, write_comparison
+
+        tasks: dict[str, str] = {}
+        missing: list[str] = []
+        if stored:
+            comparison = load_comparison(files)
+        else:
+            comparison, tasks, missing = _compared(files, variants, overrides, output, as_json)
+        interruption.patient = True
+        with progress(as_json, "writing the report"):
+            written = write_comparison(comparison, output, _report, _animation, missing)
+        for warning in written.missing:
+            say(f"warning: {warning}")
+        if as_json:
+            put({**comparison.to_json(), "warnings": [*comparison.notes, *written.missing]})
+        else:
+            comparison_lines(comparison, written.files, tasks)
+    return SOLVED if comparison.all_converged else NOT_SOLVED
+
+
+def _report(comparison: Comparison, file: Path, animations: Mapping[str, str]) -> None:
+    from nhpocp.views.report import write_report
+
+    write_report(comparison, file, animations)
+
+
+def _animation(entries: Sequence[Entry], file: Path) -> None:
+    from nhpocp.views.animation import animate_runs
+
+    animate_runs(entries, file)
+
+
+def _compared(
+    files: Sequence[Path], variants: Sequence[str], overrides: Sequence[str], home: Path, quiet: bool
+) -> tuple[Comparison, dict[str, str], list[str]]:
+    """Every run, each stored as soon as it has ended; what was typed for every problem's name; what is missing."""
+    from nhpocp import comparison
+    from nhpocp.comparison_folder import check_home, plan
+
+    problems = [load(file, overrides) for file in files]
+    runs = plan(problems, variants, home)
+    check_home(home, [problem.name for problem in problems])
+    folders = {id(run): folder for folder, run in runs.items()}
+    missing: list[str] = []
+
+    def keep(solution: Solution, run: comparison.Run) -> str:
+        folder = folders[id(run)]
+        if show and run.problem.pictures:
+            show(DRAWING)
+        written = _write(solution, Path(folder))
+        missing.extend(warning for warning in written.warnings if warning not in solution.warnings)
+        if not quiet:
+            # above the progress, which takes what `print` writes, and not what `click.echo` does
+            print(
+                visible(f"{run.problem.name} by {run.variant}: {solution.outcome.value}  {solution.message}")
+            )
+        return folder
+
+    tasks = {problem.name: task(file, overrides) for problem, file in zip(problems, files, strict=True)}
+    with progress(quiet) as show:
+        return comparison.compare(list(runs.values()), progress=show, finished=keep), tasks, missing
