@@ -10,6 +10,7 @@ import numpy as np
 from nhpocp.controls.basis import ControlBasis
 from nhpocp.controls.control import Control
 from nhpocp.deferred import Deferred
+from nhpocp.flow.integrators import Integrator
 from nhpocp.flow.simulation import simulate
 from nhpocp.flow.step_error import enough_steps
 from nhpocp.outcome import Outcome
@@ -43,6 +44,7 @@ class ContinuationResult:
     details: dict[str, Any]
     build_seconds: float
     solve_seconds: float
+    integrator: Integrator  # by which the error is what it is
     updates: int = 0  # that led to the control
 
     @property
@@ -94,12 +96,21 @@ def _of_the_cost(settings: dict[str, Any], details: dict[str, Any]) -> list[str]
         return []
     costs = details.get("costs_of_starts", [])
     other = "another `seed`" if settings["step_rule"] == "auto" else "`step_rule: auto`"
-    words = []
-    if not details["stationary"]:
+    words, towards = [], details.get("falls_towards", [])
+    if not details["stationary"] and not towards:
         words.append("the search for less ended where it still falls")
     if len(costs) > 1 and costs[1] > DEARER * costs[0]:
         words.append(
             f"of {len(costs)} plans the next costs {costs[1]:.4g}, and another start may lead to less"
         )
-    cost = f"{settings['objective']} {details['objective_value']:.6g} may be far from the least"
-    return [f"{cost}: {word}; try {other}, more harmonics or the nlp solver" for word in words]
+    cost = f"{settings['objective']} {details['objective_value']:.6g}"
+    doubts = [
+        f"{cost} may be far from the least: {word}; try {other}, more harmonics or the nlp solver"
+        for word in words
+    ]
+    if towards:
+        doubts.append(
+            f"{cost} falls towards {' and '.join(towards)}, near which the plan runs; `constraints: {{clearance: …}}` "
+            "says how far it has to stay away"
+        )
+    return doubts
