@@ -38,8 +38,9 @@ STEPS_PER_PIECE = 0.4  # of the steps of a whole plan, for the shortest manoeuvr
 BUDGET = 3000  # evaluations, after which no new try begins
 STARTS = 32  # at most, that are compared by what they cost in the end
 WIDTHS = (1.0, 0.5, 2.0)  # of the seeded among them, in turn
-AGREEING = 4  # starts that lead to the least cost so far: others are hardly worth the work
-ALIKE = 1e-3  # relative, of two costs
+AGREEING = 5  # starts that lead to the least cost so far: others are hardly worth the work
+ALIKE = 5e-3  # relative, of two costs
+FURTHER = 2  # times the restarts: seeded starts that are tried where all else failed
 
 
 @dataclass(frozen=True)
@@ -54,7 +55,7 @@ class Auto(Constructed):
     few evaluations that every try has been given until then.
 
     The search for least cost (`Continuation.objective`) ends in the valley where it begins, and few of them are deep:
-    it follows on the first way that reaches the goal, and again from seeded starts until four agree on the least.
+    it follows on the first way that reaches the goal, and again from seeded starts until five agree on the least.
     continuation: the method that every try is made with. restarts: seeded starts.
     Errors: `InvalidProblemError` for restarts that are no whole number, `CallError` for another method.
     """
@@ -176,15 +177,11 @@ class _Search:
     def _ways(self) -> Iterator[tuple[str, ContinuationResult]]:
         """Every way in order, each tried when it is asked for."""
         problem, starts = self.problem, []
-        for start in range(1 + self.restarts):
-            if not self._may_try():
-                return
-            own = "the given start" if problem.initial is not None else "a seeded start"
-            tried = problem if start == 0 else replace(problem, initial=None)
-            self.way = own if start == 0 else f"seeded start {start} of {self.restarts}"
-            result = self._try(tried, start)
+        for way, result in self._starts(range(1 + self.restarts)):
             starts.append(result)
-            yield own if start == 0 else f"seeded start {start}", self._finished(result, self.base)
+            yield way, self._finished(result, self.base)
+        if self.given_up:
+            return
         # a drift moves the pose between manoeuvres, and forbids them another time than the one they were planned for
         joined = self._manoeuvres() if problem.system.driftless else None
         if joined is not None:
@@ -193,6 +190,8 @@ class _Search:
         walked = self._walk(nearest)
         if walked is not None:
             yield "walking the goal", walked
+        for way, result in self._starts(range(1 + self.restarts, 1 + (1 + FURTHER) * self.restarts)):
+            yield way, self._finished(result, self.base)
         if nearest.outcome is Outcome.ITERATION_LIMIT and self.base.max_iterations > EVALUATIONS:
             self.way = "the nearest start, to the end"
             solver = replace(self.base, objective="none")
@@ -200,6 +199,17 @@ class _Search:
                 solver, begun_from(replace(problem, bounds=()), nearest.control), nearest.updates
             )
             yield self.way, self._finished(longer, self.base)
+
+    def _starts(self, numbers: range) -> Iterator[tuple[str, ContinuationResult]]:
+        """Where these starts lead, 0 being the problem's own."""
+        own = "the given start" if self.problem.initial is not None else "a seeded start"
+        for start in numbers:
+            if not self._may_try():
+                return
+            tried = self.problem if start == 0 else replace(self.problem, initial=None)
+            way = own if start == 0 else f"seeded start {start}"
+            self.way = own if start == 0 else f"{way} of {numbers[-1]}"
+            yield way, self._try(tried, start)
 
     def _solve(self, solver: Continuation, problem: PlanningProblem, updates: int = 0) -> ContinuationResult:
         """A confirmed solve, its records among the search's."""

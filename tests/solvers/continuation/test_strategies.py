@@ -245,6 +245,18 @@ def test_the_nearest_start_goes_on_to_max_iterations_where_all_else_failed(monke
     assert short.outcome is Outcome.NOT_REACHED
 
 
+def test_more_starts_are_tried_where_all_else_failed(monkeypatch):
+    """A goal beside det W = 0, which one start of six leads to; manoeuvres get stuck before it."""
+    monkeypatch.setattr(auto, "SEEDS", 0)
+    monkeypatch.setattr(auto, "HALVINGS", 0)
+    problem = goals.paper_task("paper_conjecture")
+    problem = replace(problem, goal=goals.near_goal(problem, 34))
+    solution = planning.solve(problem)
+    assert solution.converged
+    assert "after 12 other ways" in solution.message
+    assert solution.details["tried"][-1]["way"] == "seeded start 10"
+
+
 @pytest.mark.parametrize("objective", ["none", "effort"])
 @pytest.mark.parametrize("strategy", [lambda continuation: continuation, Auto], ids=["alone", "auto"])
 @pytest.mark.parametrize("bounded", [False, True])
