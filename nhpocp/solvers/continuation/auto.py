@@ -38,7 +38,7 @@ STEPS_PER_PIECE = 0.4  # of the steps of a whole plan, for the shortest manoeuvr
 BUDGET = 3000  # evaluations, after which no new try begins
 STARTS = 32  # at most, that are compared by what they cost in the end
 WIDTHS = (1.0, 0.5, 2.0)  # of the seeded among them, in turn
-AGREEING = 5  # starts that lead to the least cost so far: others are hardly worth the work
+AGREEING = 6  # starts that lead to the least cost so far: others are hardly worth the work
 ALIKE = 5e-3  # relative, of two costs
 FURTHER = 2  # times the restarts: seeded starts that are tried where all else failed
 
@@ -55,7 +55,7 @@ class Auto(Constructed):
     few evaluations that every try has been given until then.
 
     The search for least cost (`Continuation.objective`) ends in the valley where it begins, and few of them are deep:
-    it follows on the first way that reaches the goal, and again from seeded starts until five agree on the least.
+    it follows on the first way that reaches the goal, and again from seeded starts until six agree on the least.
     continuation: the method that every try is made with. restarts: seeded starts.
     Errors: `InvalidProblemError` for restarts that are no whole number, `CallError` for another method.
     """
