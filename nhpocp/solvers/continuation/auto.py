@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from itertools import combinations
 from time import perf_counter
 from typing import Any, ClassVar
 
@@ -35,6 +36,7 @@ SEEDS = 8  # per manoeuvre
 EVALUATIONS = 25  # per try: starts that lead to the goal need 5 to 20
 HALVINGS = 6  # of a part of the geodesic
 STEPS_PER_PIECE = 0.4  # of the steps of a whole plan, for the shortest manoeuvre of a sequence
+SAME = 0.01  # of a violation: how far two may be apart that count as one
 BUDGET = 3000  # evaluations, after which no new try begins
 STARTS = 32  # at most, that are compared by what they cost in the end
 WIDTHS = (1.0, 0.5, 2.0)  # of the seeded among them, in turn
@@ -90,6 +92,9 @@ class _Search:
         self.tried: list[dict[str, Any]] = []
         self.way = ""  # what is being tried, in words
         self.solves = 0
+        self.stalled: list[
+            tuple[float, set[str]]
+        ] = []  # violations at which ways came to rest, and what is broken
         self.given_up = False  # for want of evaluations
 
     def result(self) -> ContinuationResult:
@@ -179,19 +184,27 @@ class _Search:
         problem, starts = self.problem, []
         for way, result in self._starts(range(1 + self.restarts)):
             starts.append(result)
-            yield way, self._finished(result, self.base)
+            yield way, self._remembered(self._finished(result, self.base))
+            if self._hopeless(only_rates=True):
+                return
+            if self._hopeless():
+                break
         if self.given_up:
             return
         # a drift moves the pose between manoeuvres, and forbids them another time than the one they were planned for
         joined = self._manoeuvres() if problem.system.driftless else None
         if joined is not None:
             yield f"{len(joined.control.basis.bases)} manoeuvres in sequence", joined  # type: ignore[attr-defined]
+        if self._hopeless():
+            return
         nearest = min(starts, key=lambda result: result.rank)
         walked = self._walk(nearest)
         if walked is not None:
             yield "walking the goal", walked
         for way, result in self._starts(range(1 + self.restarts, 1 + (1 + FURTHER) * self.restarts)):
-            yield way, self._finished(result, self.base)
+            yield way, self._remembered(self._finished(result, self.base))
+            if self._hopeless():
+                return
         if nearest.outcome is Outcome.ITERATION_LIMIT and self.base.max_iterations > EVALUATIONS:
             self.way = "the nearest start, to the end"
             solver = replace(self.base, objective="none")
@@ -210,6 +223,24 @@ class _Search:
             way = own if start == 0 else f"seeded start {start}"
             self.way = own if start == 0 else f"{way} of {numbers[-1]}"
             yield way, self._try(tried, start)
+
+    def _remembered(self, result: ContinuationResult) -> ContinuationResult:
+        """Itself; the least violation of the bounds near its control is kept, if the search came to rest there."""
+        known = result.details.get("constraints", {})
+        if known.get("stalled"):
+            self.stalled.append((known["stalled"], set(known.get("broken", ()))))
+        return result
+
+    def _hopeless(self, only_rates: bool = False) -> bool:
+        """Whether two ways have come to rest at one violation, the least that there seems to be; a judgement, no proof.
+
+        ``only_rates``: of bounds that more manoeuvring makes worse.
+        """
+        rates = {bound.label for bound in self.problem.bounds_on_rates}
+        return any(
+            abs(one - other) <= SAME * max(one, other) and (not only_rates or (broken | others) <= rates)
+            for (one, broken), (other, others) in combinations(self.stalled, 2)
+        )
 
     def _solve(self, solver: Continuation, problem: PlanningProblem, updates: int = 0) -> ContinuationResult:
         """A confirmed solve, its records among the search's."""
