@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -19,15 +20,22 @@ MOST = 100  # mistakes of one file that are printed
 @set_option
 @json_option
 def check(files: tuple[Path, ...], overrides: tuple[str, ...], as_json: bool) -> int:
-    """Validate problem files; solve nothing.
+    """Validate problem files and studies; solve nothing.
 
     Prints every mistake of a file with its line and column, not only the first.
     """
     from nhpocp.problem_file import read
+    from nhpocp.study.study import is_study
 
     checked, failures = [], []
     for file in files:
         try:
+            if is_study(file):
+                study = _study(file, overrides)
+                checked.append({"file": str(file), "ok": True, "warnings": [], "study": study})
+                if not as_json:
+                    tell(f"{file}: ok, {study['runs']} runs")
+                continue
             document = read(file, overrides)
         except InvalidProblemError as error:
             failures.append(error)
@@ -52,6 +60,25 @@ def check(files: tuple[Path, ...], overrides: tuple[str, ...], as_json: bool) ->
         else:
             put(checked[0] if len(checked) == 1 else {"files": checked})
     return BAD_INPUT if failures else SOLVED
+
+
+def _study(file: Path, overrides: tuple[str, ...]) -> dict[str, Any]:
+    """What a study asks for."""
+    from nhpocp.study.study import read_study
+
+    if overrides:
+        raise InvalidProblemError("--set changes a problem file; change a study's own text", file=str(file))
+    study = read_study(file)
+    levels = {path: len(factor.levels) for factor in study.design.factors for path in factor.paths}
+    return {
+        "name": study.name,
+        "problem": study.problem_file,
+        "axes": levels,
+        "points": len(study.design),
+        "solvers": list(study.solvers),
+        "order": study.order,
+        "runs": len(study),
+    }
 
 
 @click.command()

@@ -29,7 +29,7 @@ def dump_problem(problem: PlanningProblem, settings: Mapping[str, Mapping[str, A
     own = {name: solver.settings() for name, solver in problem.solvers.items() if name in asked}
     if problem.source is not None and own == dict(asked):
         return problem.source
-    return _write(_data(problem, asked))
+    return write_data(_data(problem, asked))
 
 
 def _data(problem: PlanningProblem, settings: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
@@ -100,13 +100,13 @@ def _buildable(name: str, settings: Mapping[str, Any]) -> bool:
     return True
 
 
-def _write(data: dict[str, Any], path: str = "", indent: str = "") -> str:
-    """Block style for the blocks that are read line by line, flow style (JSON is YAML) inside."""
+def write_data(data: dict[str, Any], path: str = "", indent: str = "") -> str:
+    """A file's data as YAML: block style where it is read line by line, flow style (JSON is YAML) inside."""
     lines = []
     for name, value in data.items():
         here = f"{path}.{name}".lstrip(".")
         if isinstance(value, dict) and value and here in _BLOCKS:
-            lines.append(f"{indent}{_flow(name)}:\n" + _write(value, here, indent + "  "))
+            lines.append(f"{indent}{_flow(name)}:\n" + write_data(value, here, indent + "  "))
         elif here == "control.initial" and isinstance(value, list):
             lines.append(f"{indent}{name}:\n" + "".join(f"{indent}  - {_flow(row)}\n" for row in value))
         else:

@@ -158,6 +158,9 @@ def _read(text: str, file: str | None, path: FilePath | None, overrides: Sequenc
         words = f"expected a mapping that begins with `nhpocp: 1`, got {describe(document.data)}"
         raise InvalidProblemError(words, file=file, line=1, column=1)
     place = Place(file, document, overridden)
+    if "study" in document.data:
+        words = f"this is a study of many problems; run it with `nhpocp sweep {file or 'STUDY.yaml'}`"
+        raise place.error([InvalidProblemError(words, path="study", at_key=True)])
     shown = document.text if overrides else text
     try:
         try:

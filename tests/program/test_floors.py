@@ -49,7 +49,7 @@ ROOMS = {
     "IPython": ("views",),
     "pandas": ("solution_folder",),
     "ruamel": ("problem_file",),
-    "pydantic": ("problem_file", "solution_folder"),
+    "pydantic": ("problem_file", "solution_folder", "study"),
     "click": ("cli",),
     "rich": ("cli",),
 }

@@ -1,0 +1,135 @@
+"""The study file as pydantic models: every key, every default."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
+
+from nhpocp.declared import LARGEST_COUNT
+from nhpocp.errors import describe
+from nhpocp.problem_file.numbers import Checked, Choice, Count, Number, Whole
+from nhpocp.problem_file.schema import Name, Text, Version
+from nhpocp.problem_file.states import Strict
+
+SAMPLINGS = ("grid", "random", "latin_hypercube", "sobol")
+ORDERS = ("given", "nearest")
+SPREADS = ("linspace", "logspace", "range")  # levels at stated places
+DISTRIBUTIONS = ("uniform", "loguniform")  # from which samples are drawn
+
+Sampling = Annotated[str, Choice(*SAMPLINGS)]
+Two = Annotated[list[Number], Field(min_length=2, max_length=2)]
+Three = Annotated[list[Number], Field(min_length=3, max_length=3)]
+
+
+class SpreadData(Strict):
+    """Levels of an axis, given by a rule: exactly one of linspace, logspace, range, uniform, loguniform."""
+
+    linspace: Three | None = Field(default=None, description="[from, to, number of levels], evenly spaced")
+    logspace: Three | None = Field(default=None, description="[from, to, number], with a constant ratio")
+    range: Three | None = Field(default=None, description="[from, to, step]; the end belongs to it")
+    uniform: Two | None = Field(default=None, description="[least, most]: drawn, all equally likely")
+    loguniform: Two | None = Field(default=None, description="[least, most]: drawn, the logarithm uniform")
+    samples: Count | None = Field(default=None, description="how many are drawn; default: the study's")
+    sampling: Sampling | None = Field(default=None, description="how they are drawn; default: the study's")
+    seed: Whole | None = Field(default=None, description="of the drawing; default: the study's")
+
+    @model_validator(mode="after")
+    def _one_rule(self) -> SpreadData:
+        given = [name for name in (*SPREADS, *DISTRIBUTIONS) if getattr(self, name) is not None]
+        if len(given) != 1:
+            came = " and ".join(given) or "none"
+            raise ValueError(f"expected one of {', '.join((*SPREADS, *DISTRIBUTIONS))}, got {came}")
+        drawing = [name for name in ("samples", "sampling", "seed") if getattr(self, name) is not None]
+        if drawing and given[0] in SPREADS:
+            raise ValueError(
+                f"{drawing[0]} belongs to {' and '.join(DISTRIBUTIONS)}; {given[0]} has its own number"
+            )
+        _check_numbers(given[0], getattr(self, given[0]))
+        return self
+
+
+def _check_numbers(rule: str, numbers: Sequence[float]) -> None:
+    first, last = numbers[:2]
+    if rule in ("linspace", "logspace") and (numbers[2] < 1 or numbers[2] != int(numbers[2])):
+        raise ValueError(f"{rule}: {numbers[2]:g} is no number of levels; expected a whole number from 1")
+    if rule in ("logspace", "loguniform") and min(first, last) <= 0:
+        raise ValueError(f"{rule}: {min(first, last):g} is not positive; expected two positive numbers")
+    if rule in DISTRIBUTIONS and not first < last:
+        raise ValueError(f"{rule}: {first:g} is not below {last:g}; expected [least, most]")
+    if rule == "range" and not (numbers[2] != 0 and (last - first) / numbers[2] >= 0):
+        raise ValueError(f"range: steps of {numbers[2]:g} do not lead from {first:g} to {last:g}")
+    count = (last - first) / numbers[2] if rule == "range" else 0 if rule in DISTRIBUTIONS else numbers[2]
+    if count > LARGEST_COUNT:
+        raise ValueError(f"{rule}: {count:g} levels; expected {LARGEST_COUNT} at most")
+
+
+def _levels(value: Any) -> list[Any]:
+    if not isinstance(value, list) or not value:
+        came = "an empty list" if value == [] else describe(value)
+        raise ValueError(f"expected a list of levels, or a rule such as {{linspace: [0, 1, 5]}}, got {came}")
+    levels: list[Any] = value
+    return levels
+
+
+def _axis_kind(value: Any) -> str:
+    return "<spread>" if isinstance(value, dict | SpreadData) else "<levels>"
+
+
+AxisData = Annotated[
+    Annotated[list[Any], Checked(_levels, {"type": "array", "minItems": 1}), Tag("<levels>")]
+    | Annotated[SpreadData, Tag("<spread>")],
+    Discriminator(_axis_kind),
+]
+
+
+def _axes(value: Any) -> Any:
+    if not isinstance(value, dict) or not value:
+        raise ValueError(
+            f"expected a mapping of keys of the problem to their levels, got {describe(value or None)}"
+        )
+    return value
+
+
+def _problem(value: Any) -> Any:
+    if not isinstance(value, str | dict):
+        raise ValueError(
+            f"expected the path of a problem file, or the keys of a problem, got {describe(value)}"
+        )
+    return value
+
+
+def _solvers(value: Any) -> Any:
+    return [value] if isinstance(value, str) else value
+
+
+class StudyData(Strict):
+    """A problem, axes along which it varies, and the solvers to run at every design point."""
+
+    name: Name | None = Field(default=None, description="default: the file's stem")
+    problem: Annotated[Any, Checked(_problem, {"type": ["string", "object"]})] = Field(
+        description="path of a problem file, from this file's folder; or the keys of a problem"
+    )
+    axes: Annotated[dict[str, AxisData], BeforeValidator(_axes)] = Field(
+        description="levels by the dotted path of a problem's key: a list, or a rule"
+    )
+    solvers: Annotated[list[Text], Field(min_length=1), BeforeValidator(_solvers)] = Field(
+        default_factory=lambda: ["jacobian"], description='such as [jacobian, "nlp:initial=jacobian"]'
+    )
+    samples: Count = Field(default=16, description="of axes that are drawn")
+    sampling: Sampling = Field(
+        default="random",
+        description="of axes that are drawn: together (random, latin_hypercube, sobol), or each evenly spaced (grid)",
+    )
+    seed: Whole = Field(default=0, description="of the drawing")
+    order: Annotated[str, Choice(*ORDERS)] = Field(
+        default="given", description="nearest: goals begin with the plan to their neighbour"
+    )
+
+
+class StudyFileData(Strict):
+    """A study file."""
+
+    nhpocp: Version = Field(description="schema version")
+    study: StudyData = Field(description="what to run")
