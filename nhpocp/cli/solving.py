@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -26,16 +27,33 @@ DRAWING = {"k": None, "error": None, "stage": "drawing"}
 
 
 @click.command()
-@click.argument("file", type=click.Path(path_type=Path))
+@click.argument("file", type=click.Path(path_type=Path), required=False)
 @click.option("--solver", type=click.Choice(list(SOLVERS)), default="jacobian", show_default=True)
+@click.option(
+    "--from", "store", type=click.Path(path_type=Path), metavar="STUDY.sqlite", help="A study's store ..."
+)
+@click.option(
+    "--run", type=click.IntRange(min=1), help="... and which of its runs: a folder of that, solved before."
+)
 @set_option
 @click.option("--trace", is_flag=True, help="Write the iterations to iterations.csv in the solution folder.")
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="The solution folder itself.")
 @json_option
 def solve(
-    file: Path, solver: str, overrides: tuple[str, ...], trace: bool, output: Path | None, as_json: bool
+    file: Path | None,
+    solver: str,
+    store: Path | None,
+    run: int | None,
+    overrides: tuple[str, ...],
+    trace: bool,
+    output: Path | None,
+    as_json: bool,
 ) -> int:
     """Solve FILE, verify the result, write a solution folder."""
+    if store is not None or run is not None:
+        return _solve_stored(file, store, run, overrides, output, as_json)
+    if file is None:
+        raise click.UsageError("Missing argument 'FILE'.")
     with _keeping() as interruption:
         from nhpocp.solution_folder import check_target, folder_name, to_json
 
@@ -56,6 +74,39 @@ def solve(
             put({**to_json(solution), "folder": str(folder)})
         else:
             report(solution, folder, task(file, overrides))
+    return SOLVED if solution.converged else NOT_SOLVED
+
+
+def _solve_stored(
+    file: Path | None,
+    store: Path | None,
+    run: int | None,
+    overrides: tuple[str, ...],
+    output: Path | None,
+    as_json: bool,
+) -> int:
+    """The folder of one run of a study: its control, verified again."""
+    if store is None or run is None:
+        raise click.UsageError("--from STUDY.sqlite and --run K belong together")
+    if file is not None or overrides:
+        raise click.UsageError("--from takes a run as it was solved: leave out FILE and --set")
+    with _keeping() as interruption:
+        from nhpocp.solution_folder import check_target, folder_name, to_json
+        from nhpocp.study.run import restored
+        from nhpocp.study.store import Store
+
+        with Store.open(store) as opened:
+            row, facts = opened.row(run), opened.facts
+        folder = output or Path("results") / folder_name(facts["name"]) / f"run_{run}"
+        check_target(folder)
+        interruption.check()
+        solution = restored(row, facts)
+        interruption.patient = True
+        solution = _write(solution, folder)
+        if as_json:
+            put({**to_json(solution), "folder": str(folder)})
+        else:
+            report(solution, folder, f"--from {shlex.quote(str(store))} --run {run}")
     return SOLVED if solution.converged else NOT_SOLVED
 
 

@@ -18,10 +18,12 @@ VERBS: Family[click.Command] = Family(
         "check": "nhpocp.cli.checking:check",
         "compare": "nhpocp.cli.solving:compare",
         "doctor": "nhpocp.cli.listing:doctor",
+        "export": "nhpocp.cli.sweeping:export",
         "init": "nhpocp.cli.starting:init",
         "plot": "nhpocp.cli.plotting:plot",
         "schema": "nhpocp.cli.starting:schema",
         "solve": "nhpocp.cli.solving:solve",
+        "sweep": "nhpocp.cli.sweeping:sweep",
         "systems": "nhpocp.cli.listing:systems",
         "verify": "nhpocp.cli.checking:verify",
     }

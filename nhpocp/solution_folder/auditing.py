@@ -126,6 +126,8 @@ class _Comparison:
             yield "solution.json has no checksum: what cannot be worked out again, as messages and timing, is as stated"
         if not self.whole:
             yield f"{' and '.join(self._along_the_path)}: the replay does not reach the end"
+        if self.stored.evaluations and not self.stored.iterations:
+            yield f"evaluations: {self.stored.evaluations} as stated; this folder holds no records of the iterations"
         if self.stored.details.get("costates") is not None:
             yield "details.costates: only their shape; they follow from multipliers, which are not stored"
         for key, value in self._unnamed().items():
@@ -197,7 +199,7 @@ class _Comparison:
         """What the solve counted, as far as its records say."""
         stored = self.stored
         count = len(stored.iterations)
-        if stored.solver == "jacobian" and stored.evaluations != count:
+        if stored.solver == "jacobian" and count and stored.evaluations != count:
             yield f"evaluations is {stored.evaluations}, but there are {count} iterations, one for each"
         steps = [record["k"] for record in stored.iterations]
         for before, after in pairwise([-1, *steps]):  # a further try begins with 0

@@ -60,9 +60,10 @@ def permit() -> Iterator[Permit]:
             os.unlink(file)
 
 
-def processes() -> Executor:
-    """A process for every core."""
-    return ProcessPoolExecutor(os.cpu_count(), initializer=_begin_process)
+def processes(count: int | None = None, method: str | None = None) -> Executor:
+    """So many processes, one for every core, begun by this ``method`` of multiprocessing, the system's own."""
+    context = multiprocessing.get_context(method)
+    return ProcessPoolExecutor(count or os.cpu_count(), mp_context=context, initializer=_begin_process)
 
 
 @contextmanager

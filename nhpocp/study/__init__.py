@@ -1,5 +1,5 @@
-"""Studies: many runs from one file.
+"""Studies: many runs from one file, stored one row each.
 
 A study file names a problem and axes; a `Design` is the points that they span, a run one of them by one solver. Begin
-with `study.py`; `schema.py` is the file's keys, `design.py` the points.
+with `study.py`; `sweep.py` hands runs to processes, `run.py` performs them there, `store.py` keeps the rows.
 """

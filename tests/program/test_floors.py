@@ -50,6 +50,8 @@ ROOMS = {
     "pandas": ("solution_folder",),
     "ruamel": ("problem_file",),
     "pydantic": ("problem_file", "solution_folder", "study"),
+    "sqlite3": ("study",),
+    "pyarrow": ("study",),
     "click": ("cli",),
     "rich": ("cli",),
 }

@@ -1,0 +1,267 @@
+"""Runs performed, in whatever process: from the texts of a study and the numbers of runs to rows."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from functools import lru_cache
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from pydantic import TypeAdapter, ValidationError
+
+from nhpocp import planning
+from nhpocp.batch import FEW, Plan, plan_many
+from nhpocp.comparison import FAILURES
+from nhpocp.controls.control import Control
+from nhpocp.errors import InvalidProblemError, one_line
+from nhpocp.flow.simulation import simulate
+from nhpocp.objectives.registry import costs_of_motion
+from nhpocp.outcome import Outcome
+from nhpocp.problem import PlanningProblem
+from nhpocp.problem_file import build, control_from_json
+from nhpocp.problem_file.messages import translate
+from nhpocp.problem_file.states import State, plain_state
+from nhpocp.problem_file.variants import overrides as settings_of
+from nhpocp.solution import Solution, Solver
+from nhpocp.solution_folder import to_json
+from nhpocp.study.store import COLUMNS, Row
+from nhpocp.study.study import Study, changed_goal, read_problem, read_study_text
+from nhpocp.systems.margins import margin
+from nhpocp.verification import verify
+
+JSON = ("parameters", "margins", "limits", "warnings", "settings", "solved_control")
+
+
+@dataclass(frozen=True)
+class Source:
+    """The texts that a study is read from, wherever it is performed."""
+
+    text: str
+    file: str
+    problem_text: str
+
+    @staticmethod
+    def of(study: Study) -> Source:
+        return Source(study.text, f"{study.name}.yaml", study.problem_text)
+
+
+@dataclass(frozen=True)
+class Job:
+    """Runs by one solver that differ in their goals alone.
+
+    chained: each begins with the plan to the goal before it; start: the control, as stored, that the first begins with.
+    tries: how often they have been begun, this time included.
+    """
+
+    runs: tuple[int, ...]
+    chained: bool = False
+    start: str | None = None
+    tries: int = 1
+
+
+@dataclass(frozen=True)
+class _Setting:
+    """What the runs of a job have in common: the problem at its first run, the goal as written, the solver."""
+
+    problem: PlanningProblem
+    goal: dict[str, Any]
+    solver: Solver
+
+
+@lru_cache(maxsize=2)
+def _study(source: Source) -> Study:
+    return read_study_text(source.text, source.file, source.problem_text)
+
+
+@lru_cache(maxsize=4)
+def _setting(source: Source, others: str, solver: str) -> _Setting:
+    """others: the parameters that are not of the goal, as JSON."""
+    file = read_problem(source.problem_text, None, json.loads(others), solver)
+    problem, name = build(file), settings_of(solver)[0]
+    return _Setting(
+        problem.with_(pictures=False),
+        file.data.model_dump(mode="json", exclude_none=True)["goal"],
+        planning.own_solver(problem, name),
+    )
+
+
+def performed(source: Source, job: Job) -> list[Row]:
+    """The rows of a job's runs; without those that were stopped before their end."""
+    study = _study(source)
+    rows, planned = [], []
+    for run in job.runs:
+        try:
+            planned.append((run, *_posed(study, source, run)))
+        except InvalidProblemError as error:
+            rows.append(failed_row(study, run, f"{error.path}: {error.message}", job.tries))
+    for run, solution, seconds in _solved(planned, job):
+        if isinstance(solution, Exception):
+            said = getattr(solution, "message", None) or one_line(solution)
+            rows.append(failed_row(study, run, said, job.tries))
+        elif solution.outcome is not Outcome.INTERRUPTED:
+            rows.append(_row(study, run, solution, seconds, job.tries))
+    return rows
+
+
+def _posed(study: Study, source: Source, run: int) -> tuple[PlanningProblem, Solver]:
+    """The problem of a run and its solver. Errors: `InvalidProblemError`."""
+    parameters, solver = study.parameters(run), study.solver(run)
+    others = {path: value for path, value in parameters.items() if path not in study.goal_axes}
+    setting = _setting(source, json.dumps(others, default=str), solver)
+    if not study.goal_axes:
+        return setting.problem, setting.solver
+    try:
+        goal = changed_goal(setting.goal, parameters)
+        return setting.problem.towards(plain_state(_goals().validate_python(goal))), setting.solver
+    except ValidationError as error:
+        raise translate(error, dict)[0].under("goal") from None  # type: ignore[arg-type]
+    except (LookupError, TypeError):
+        raise InvalidProblemError("the goal has no such place", path="goal") from None
+
+
+@lru_cache(maxsize=1)
+def _goals() -> TypeAdapter[Any]:
+    return TypeAdapter(State)
+
+
+def _solved(
+    planned: Sequence[tuple[int, PlanningProblem, Solver]], job: Job
+) -> Iterator[tuple[int, Solution | Exception, float]]:
+    """A verified solution for each run, or what came in between; and the seconds that it took to plan."""
+    together = len(planned) >= FEW and not job.chained and planned[0][2].name == "jacobian"
+    if together:
+        began = perf_counter()
+        first, solver = planned[0][1:]
+        try:
+            plans = list(plan_many(first, [problem.goal for _, problem, _ in planned], solver))
+        except FAILURES:
+            together = False  # each by itself, to find out whose it was
+        else:
+            each = (perf_counter() - began) / len(planned)
+            for (run, problem, _), plan in zip(planned, plans, strict=True):
+                yield run, _attempted(lambda p=problem, c=plan: judged(claimed(p, solver, c))), each
+    if not together:
+        before = control_from_json(json.loads(job.start)) if job.start else None
+        for run, problem, solver in planned:
+            warm, began = _beginning(problem, before), perf_counter()
+            solution = _attempted(lambda p=warm, s=solver: planning.solve(p, s))
+            yield run, solution, perf_counter() - began
+            before = None
+            if job.chained and isinstance(solution, Solution) and solution.converged:
+                before = solution.control
+
+
+def _attempted(solve: Any) -> Solution | Exception:
+    try:
+        solution: Solution = solve()
+        return solution
+    except FAILURES as error:
+        return error
+
+
+def _beginning(problem: PlanningProblem, before: Control | None) -> PlanningProblem:
+    """With the control of the plan before as the first, if it is over the same basis."""
+    if before is None or before.basis != problem.basis:
+        return problem
+    return problem.with_(initial=np.asarray(before.coefficients))
+
+
+def claimed(problem: PlanningProblem, solver: Solver, plan: Plan) -> Solution:
+    """The solution that a plan claims, unverified, with the motion that its control makes."""
+    motion, settings = simulate(problem, plan.control), solver.settings()
+    return Solution(
+        problem=problem,
+        solver=solver.name,
+        settings=settings,
+        objective=settings.get("objective", problem.objective),
+        tolerance=solver.tolerance,
+        outcome=plan.outcome,
+        message=plan.message,
+        final_error=plan.error,
+        control=plan.control,
+        trajectory=motion.trajectory,
+        costs=motion.costs,
+        evaluations=plan.evaluations,
+    )
+
+
+def judged(solution: Solution) -> Solution:
+    """With the verdict."""
+    began = perf_counter()
+    verdict = verify(solution)
+    return solution.judged(verdict, perf_counter() - began)
+
+
+def _row(study: Study, run: int, solution: Solution, seconds: float, tries: int) -> Row:
+    data = to_json(solution)
+    least = {
+        name: float(np.min(values))
+        for name, values in solution.trajectory.items()
+        if (known := margin(name)) and known.kind == "sigma"
+    }
+    verify_s = solution.timing.get("verify_s", 0.0)
+    return _as_row(
+        run=run,
+        variant=study.solver(run),
+        parameters=study.parameters(run),
+        outcome=data["outcome"],
+        converged=int(solution.converged),
+        message=data["message"],
+        verified_error=(data["verified"] or {}).get("error"),
+        final_error=data["final_error"],
+        **{name: data[name] for name in costs_of_motion()},
+        evaluations=solution.evaluations,
+        margins={name: value if np.isfinite(value) else None for name, value in least.items()},
+        limits=data["constraints"],
+        warnings=data["warnings"],
+        settings=data["settings"],
+        seed=data["settings"].get("seed"),
+        solved_control=data["control"],
+        solve_s=solution.timing.get("solve_s", seconds),
+        verify_s=verify_s,
+        tries=tries,
+    )
+
+
+def failed_row(study: Study, run: int, message: str, tries: int) -> Row:
+    """The row of a run of which there is no control."""
+    return _as_row(
+        run=run,
+        variant=study.solver(run),
+        parameters=study.parameters(run),
+        outcome=Outcome.SOLVER_ERROR.value,
+        converged=0,
+        message=message if message.endswith(".") else f"{message}.",
+        tries=tries,
+    )
+
+
+def _as_row(**values: Any) -> Row:
+    values = {**dict.fromkeys(COLUMNS), **values, "finished": datetime.now(UTC).isoformat(timespec="seconds")}
+    written = {
+        name: values[name] if values[name] is None else json.dumps(values[name], default=str) for name in JSON
+    }
+    return {**values, **written}
+
+
+def restored(row: Row, facts: dict[str, Any]) -> Solution:
+    """The verified solution of a stored run: its control, on the problem that its study says.
+
+    Errors: `InvalidProblemError` for a run without a control.
+    """
+    if row["solved_control"] is None:
+        raise InvalidProblemError(f"run {row['run']} left no control: {row['message']}")
+    file = read_problem(
+        facts["problem"], facts["problem_file"], json.loads(row["parameters"]), row["variant"]
+    )
+    problem = build(file)
+    solver = planning.own_solver(problem, settings_of(row["variant"])[0])
+    final = float("nan") if row["final_error"] is None else row["final_error"]
+    control = control_from_json(json.loads(row["solved_control"]))
+    plan = Plan(Outcome(row["outcome"]), row["message"], final, control, row["evaluations"])
+    solution = claimed(problem, solver, plan)
+    return judged(replace(solution, timing={"build_s": 0.0, "solve_s": row["solve_s"]}))

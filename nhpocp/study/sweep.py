@@ -1,0 +1,184 @@
+"""A study's runs, handed to processes and stored as they finish."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections import deque
+from collections.abc import Callable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from functools import partial
+from itertools import islice
+from time import perf_counter
+from typing import Any
+
+from nhpocp.interruption import Interruption
+from nhpocp.provenance import environment
+from nhpocp.solvers.workers import OFTEN, awaited, own_executor, permit, processes, submitted
+from nhpocp.study.order import Piece, one_by_one, pieces
+from nhpocp.study.run import Job, Source, failed_row, performed
+from nhpocp.study.store import Row, Store
+from nhpocp.study.study import Study
+
+AHEAD = 1  # jobs that wait in the queue beside those that are worked on
+DIED = "the process that worked on it died twice, as for lack of memory; `nhpocp solve` on this problem shows more"
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+
+Submit = Callable[..., Future[list[Row]]]
+
+
+@dataclass
+class Tally:
+    """How far a sweep is. runs: of the study; stored: of those, at its beginning and since."""
+
+    runs: int
+    stored: int
+    converged: int
+    began: float = field(default_factory=perf_counter)
+    done: int = 0  # in this sweep
+    stopped: bool = False  # by hand
+
+    @property
+    def failed(self) -> int:
+        return self.stored - self.converged
+
+    @property
+    def seconds(self) -> float:
+        return perf_counter() - self.began
+
+    @property
+    def rate(self) -> float:
+        """Runs a second, of this sweep."""
+        return self.done / max(self.seconds, 1e-9)
+
+    def add(self, rows: list[Row]) -> None:
+        self.stored, self.done = self.stored + len(rows), self.done + len(rows)
+        self.converged += sum(row["converged"] for row in rows)
+
+
+Listener = Callable[[Tally], Any] | None
+
+
+def sweep(
+    study: Study,
+    store: Store,
+    workers: int,
+    progress: Listener = None,
+    make: Callable[[], Executor] | None = None,
+) -> Tally:
+    """Performs the runs that a store does not have yet, and stores each once.
+
+    workers: processes, of one thread each. progress: is told of every change. make: another executor for them. Ctrl-C
+    ends it; what was stored stays, and the tally says ``stopped``. A run whose process dies is begun once more, alone;
+    if it dies again its row says so. Errors: `InvalidProblemError` where the store cannot be written to.
+    """
+    make = make or partial(processes, workers, "spawn")
+    outcomes = store.outcomes()
+    tally = Tally(len(study), sum(outcomes.values()), outcomes.get("converged", 0))
+    course = _Course(study, store, store.begin(workers, environment()), tally, progress)
+    with Interruption() as interruption, _one_thread():
+        try:
+            while course.left():
+                interruption.check()
+                with permit() as given, own_executor(make) as executor:
+                    course.run(partial(submitted, executor, given), workers, interruption)
+        except KeyboardInterrupt:
+            tally.stopped = True
+    return tally
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """Processes begun within it have one thread for their linear algebra."""
+    before = {name: os.environ.get(name) for name in THREADS}
+    os.environ.update(dict.fromkeys(THREADS, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+
+@contextmanager
+def _deaf_to_ctrl_c() -> Iterator[None]:
+    """Processes begun within it never hear Ctrl-C, not even before they can ignore it; here it arrives afterwards."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+class _Course:
+    """What is still to be done, and what is being done.
+
+    suspects: runs that were under way when a process died; they are begun again one at a time, so that it is known
+    which of them it was if one dies again.
+    """
+
+    def __init__(self, study: Study, store: Store, session: int, tally: Tally, progress: Listener) -> None:
+        self.study, self.store, self.session, self.tally, self.progress = (
+            study,
+            store,
+            session,
+            tally,
+            progress,
+        )
+        self.source, self.chained = Source.of(study), study.order == "nearest"
+        self.suspects: deque[Piece] = deque()
+        self.waiting: deque[Piece] = deque()
+        self.pieces = pieces(study, store.done())
+
+    def left(self) -> bool:
+        """Whether anything is left to begin."""
+        if not self.waiting:
+            self.waiting.extend(islice(self.pieces, 1))
+        return bool(self.waiting or self.suspects)
+
+    def run(self, submit: Submit, workers: int, stop: Interruption) -> None:
+        """Works until nothing is left, or a process has died: then the executor is of no more use."""
+        under_way: dict[Future[list[Row]], Piece] = {}
+        try:
+            while self.suspects:
+                self._again(submit, stop)
+            while self.left() or under_way:
+                while len(under_way) < workers + AHEAD and self.left():
+                    job = self._begun(submit, self.waiting[0])
+                    under_way[job] = self.waiting.popleft()
+                for job in wait(under_way, OFTEN, FIRST_COMPLETED).done:
+                    self._keep(job.result())
+                    del under_way[job]
+                stop.check()
+        except BrokenProcessPool:
+            for piece in under_way.values():
+                self.suspects.extend(one_by_one(piece, self.chained))
+
+    def _again(self, submit: Submit, stop: Interruption) -> None:
+        piece = self.suspects[0]
+        job = self._begun(submit, piece, tries=2)
+        self.suspects.popleft()
+        try:
+            self._keep(awaited(job, stop))
+        except BrokenProcessPool:
+            self._keep([failed_row(self.study, piece.runs[0], DIED, tries=2)])
+            raise
+
+    def _begun(self, submit: Submit, piece: Piece, tries: int = 1) -> Future[list[Row]]:
+        start = self.store.control(piece.before) if piece.before else None
+        with _deaf_to_ctrl_c():
+            return submit(performed, self.source, Job(piece.runs, self.chained, start, tries))
+
+    def _keep(self, rows: list[Row]) -> None:
+        self.store.add({**row, "session": self.session} for row in rows)
+        self.tally.add(rows)
+        if self.progress:
+            self.progress(self.tally)
