@@ -12,10 +12,11 @@ from nhpocp.systems.system import System
 
 def homes(word: str, raw: Mapping[str, Any], system: System | None) -> list[str]:
     """The whole paths at which ``word`` is a key of a file with this data; ``system``: None where it is unknown."""
-    return [path for path in _paths(raw, system) if path.rpartition(".")[2] == word]
+    return [path for path in paths(raw, system) if path.rpartition(".")[2] == word]
 
 
-def _paths(raw: Mapping[str, Any], system: System | None) -> Iterator[str]:
+def paths(raw: Mapping[str, Any], system: System | None) -> Iterator[str]:
+    """Whole paths of the keys that a file with this data may have; ``system``: None where it is unknown."""
     yield from ProblemData.model_fields
     block = raw.get("control")
     basis = block.get("basis", control.DEFAULT) if isinstance(block, dict) else control.DEFAULT

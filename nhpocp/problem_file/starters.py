@@ -43,24 +43,29 @@ def starter(model: str = "three_upu", schema: str = "nhpocp.schema.json") -> str
     """
     cls = system_class(model)
     system = cls()
-    task = {**_made_up(system.state_space), **cls.example}
+    task = example_task(system)
     lines = [
         *HEAD.format(schema=schema).splitlines(),
-        _line("nhpocp: 1", "version of this format"),
-        *_options(ProblemData, ["name"]),
+        line("nhpocp: 1", "version of this format"),
+        *options(ProblemData, ["name"]),
         *_system(cls, model),
         _option("units", {"length": "m", "time": "s"}, ProblemData.model_fields["units"].description or ""),
         *_ends(cls, system, task),
-        _line("horizon: 1", "the duration T, or {min: 0.5, max: 3, initial: 1} where the NLP may choose"),
+        line("horizon: 1", "the duration T, or {min: 0.5, max: 3, initial: 1} where the NLP may choose"),
         *_control(system, task.get("control", {})),
-        *_options(ProblemData, ["objective", "error_length", "length_scale"]),
+        *options(ProblemData, ["objective", "error_length", "length_scale"]),
         *_constraints(system, task["start"]),
         "solvers:",
         *_solvers(),
         "output:",
-        *_options(Output, list(Output.model_fields), "  "),
+        *options(Output, list(Output.model_fields), "  "),
     ]
     return "\n".join(lines) + "\n"
+
+
+def example_task(system: System) -> dict[str, Any]:
+    """The task that `nhpocp init` shows for a system, as a problem file's data."""
+    return {**_made_up(system.state_space), **system.example}
 
 
 def example_start(system: System) -> dict[str, Any]:
@@ -81,7 +86,7 @@ def _value(block: Block, at: int) -> Any:
     return at if block.kind == "scalar" else [at] * block.components
 
 
-def _line(text: str, meaning: str = "") -> str:
+def line(text: str, meaning: str = "") -> str:
     """A line and its comment, beside it or, where that would be too wide, above it."""
     beside = f"{text:<{COLUMN}} # {meaning}" if meaning else text
     if len(beside) <= WIDTH:
@@ -93,21 +98,21 @@ def _line(text: str, meaning: str = "") -> str:
 
 def _option(name: str, value: Any, meaning: str, indent: str = "") -> str:
     """A key at its default, commented out."""
-    return _line(f"{indent}# {name}: {_flow(value)}", meaning)
+    return line(f"{indent}# {name}: {flow(value)}", meaning)
 
 
-def _flow(value: Any) -> str:
+def flow(value: Any) -> str:
     """Plain data in YAML's flow style."""
     if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{name}: {_flow(part)}" for name, part in value.items()) + "}"
+        return "{" + ", ".join(f"{name}: {flow(part)}" for name, part in value.items()) + "}"
     if isinstance(value, list | tuple):
-        return f"[{', '.join(_flow(part) for part in value)}]"
+        return f"[{', '.join(flow(part) for part in value)}]"
     if isinstance(value, bool):
         return str(value).lower()
     return f"{value:.12g}".replace("e-0", "e-") if isinstance(value, float) else str(value)
 
 
-def _options(model: type[Strict], names: Sequence[str], indent: str = "") -> Iterator[str]:
+def options(model: type[Strict], names: Sequence[str], indent: str = "") -> Iterator[str]:
     """The keys of a block, commented out."""
     for name in names:
         field = model.model_fields[name]
@@ -128,11 +133,11 @@ def _other_names(names: Sequence[str], meaning: str) -> str:
 
 
 def _system(cls: type[System], model: str) -> Iterator[str]:
-    yield _line("system:", (cls.__doc__ or "").strip().partition("\n")[0].rstrip(".:"))
+    yield line("system:", (cls.__doc__ or "").strip().partition("\n")[0].rstrip(".:"))
     yield f"  model: {model}"
     if cls.presets:
         names = " | ".join(cls.presets)
-        yield _line(f"  preset: {next(iter(cls.presets))}", f"{names}; parameters beside it override it")
+        yield line(f"  preset: {next(iter(cls.presets))}", f"{names}; parameters beside it override it")
     for name, parameter in cls.declared.items():
         meaning = f"{parameter.described}{_other_names(parameter.choices, parameter.meaning)}"
         yield _option(name, _default(parameter), meaning, "  ")
@@ -149,10 +154,10 @@ def _default(parameter: Parameter) -> Any:
 def _ends(cls: type[System], system: System, task: Mapping[str, Any]) -> Iterator[str]:
     if "goal" not in cls.example:
         yield f"# This start and goal are made up, for {cls.model} brings no example: put yours in their place."
-    yield _line(f"start: {_flow(task['start'])}", _units(system.state_space.blocks))
+    yield line(f"start: {flow(task['start'])}", _units(system.state_space.blocks))
     outputs = [block.name for block in system.pose_outputs]
     more = f"; {' and '.join(outputs)} may be given instead" if outputs else ""
-    yield _line(f"goal: {_flow(task['goal'])}", f"what is left out is free{more}")
+    yield line(f"goal: {flow(task['goal'])}", f"what is left out is free{more}")
     name = system.state_space.blocks[0].name
     yield _option("via", [{"at": 0.5, name: task["start"][name]}], "poses to pass; at: share of the horizon")
 
@@ -170,7 +175,7 @@ def _units(blocks: Sequence[Block]) -> str:
 def _control(system: System, given: Mapping[str, Any]) -> Iterator[str]:
     harmonics = given.get("harmonics", BLOCKS["fourier"].model_fields["harmonics"].default)
     yield "control:"
-    yield _line("  basis: fourier", "columns of `initial`: const, sin1, cos1, sin2, cos2, …")
+    yield line("  basis: fourier", "columns of `initial`: const, sin1, cos1, sin2, cos2, …")
     yield f"  harmonics: {harmonics}"
     for basis, model in list(BLOCKS.items())[1:]:
         names = [name for name in model.model_fields if name not in ("basis", "initial")]
@@ -179,16 +184,16 @@ def _control(system: System, given: Mapping[str, Any]) -> Iterator[str]:
     inputs = ", ".join(system.input_space.labels)
     meaning = f"the control to begin with: one row per input ({inputs}), or auto, a seeded one"
     rows = given.get("initial")
-    yield _line("  initial:" if rows else "  initial: auto", meaning)
+    yield line("  initial:" if rows else "  initial: auto", meaning)
     for row in rows or ():
-        yield f"    - {_flow(row)}"
+        yield f"    - {flow(row)}"
 
 
 def _constraints(system: System, start: Mapping[str, Any]) -> Iterator[str]:
     words = (
         "what the whole path must respect, within 1e-3 of each limit; {max: 3} or [null, 3] bounds one side"
     )
-    yield _line("constraints:", words)
+    yield line("constraints:", words)
     for key, kind in KINDS.items():
         if (value := kind.shown(system, start)) is not None:
             yield _option(key, value, kind.meaning, "  ")
@@ -196,6 +201,6 @@ def _constraints(system: System, start: Mapping[str, Any]) -> Iterator[str]:
 
 def _solvers() -> Iterator[str]:
     for i, (name, block) in enumerate(BLOCKS_OF_SOLVERS.items()):
-        yield _line(f"  {name}:", f"nhpocp solve --solver {name}" if i else "nhpocp solve")
-        yield from _options(block, list(block.model_fields), "    ")
-    yield from _options(Solvers, ["compile"], "  ")
+        yield line(f"  {name}:", f"nhpocp solve --solver {name}" if i else "nhpocp solve")
+        yield from options(block, list(block.model_fields), "    ")
+    yield from options(Solvers, ["compile"], "  ")
