@@ -40,6 +40,7 @@ study:
     start: {x: 0, y: 0, theta: 0}
     goal: {x: 1, y: 1, theta: 0}
     solvers: {compile: never}
+    output: {pictures: false}
   axes:
     goal.x: {linspace: [0.5, 2, 4]}
     goal.theta: [0, 30 deg, -pi/4]
