@@ -29,6 +29,20 @@ SYSTEMS: dict[str, str] = {
     "veselova_joint": "nhpocp.systems.veselova_joint:VeselovaJoint",
     "suslov_joint": "nhpocp.systems.suslov_joint:SuslovJoint",
     "rolling_sphere": "nhpocp.systems.rolling_sphere:RollingSphere",
+    "chained": "nhpocp.systems.chained:Chained",
+    "engel": "nhpocp.systems.cartan:Engel",
+    "cartan": "nhpocp.systems.cartan:Cartan",
+    "double_integrator": "nhpocp.systems.double_integrator:DoubleIntegrator",
+    "car": "nhpocp.systems.car:Car",
+    "car_with_trailers": "nhpocp.systems.car_with_trailers:CarWithTrailers",
+    "truck_with_trailers": "nhpocp.systems.truck_with_trailers:TruckWithTrailers",
+    "sphere_on_sphere": "nhpocp.systems.sphere_on_sphere:SphereOnSphere",
+    "nonholonomic_manipulator": "nhpocp.systems.nonholonomic_manipulator:NonholonomicManipulator",
+    "passive_sphere": "nhpocp.systems.passive_sphere:PassiveSphere",
+    "friction_drive_wrist": "nhpocp.systems.friction_drive_wrist:FrictionDriveWrist",
+    "trident_snake": "nhpocp.systems.trident_snake:TridentSnake",
+    "mobile_manipulator": "nhpocp.systems.mobile_manipulator:MobileManipulator",
+    "rigid_body": "nhpocp.systems.rigid_body:RigidBody",
 }
 
 

@@ -50,7 +50,10 @@ def starter(model: str = "three_upu", schema: str = "nhpocp.schema.json") -> str
         *_options(ProblemData, ["name"]),
         *_system(cls, model),
         *_ends(cls, system, task),
-        _line("horizon: 1", "the duration T, or {min: 0.5, max: 3, initial: 1} where the NLP may choose"),
+        _line(
+            f"horizon: {task.get('horizon', 1)}",
+            "the duration T, or {min: 0.5, max: 3, initial: 1} where the NLP may choose",
+        ),
         *_control(system, task.get("control", {})),
         *_options(ProblemData, ["objective", "error_length", "length_scale"]),
         *_constraints(system, task["start"]),

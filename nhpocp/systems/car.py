@@ -1,0 +1,72 @@
+"""The car: two axles, the front one steered."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+from nhpocp.arrays import Array, dot, namespace
+from nhpocp.state_space import StateSpace, scalar
+from nhpocp.systems.planar import across, along, box, outline, wheels
+from nhpocp.systems.system import Parameter, System
+
+
+class Car(System):
+    r"""The car with rear-wheel drive on R² × R², [Laumond, ch. 1]:
+
+        ẋ = v cos θ,   ẏ = v sin θ,   θ̇ = v tan φ / L,   φ̇ = w
+
+    (x, y): the middle of the rear axle, θ: the heading, φ: the steering angle of the front wheels, L: the wheelbase.
+    Not defined at φ = ±90°, where the front wheels stand across.
+    """
+
+    model: ClassVar[str] = "car"
+    declared: ClassVar[Mapping[str, Parameter]] = {
+        "wheelbase": Parameter("positive", 1.0, "L, between the axles", unit="length")
+    }
+    example: ClassVar[Mapping[str, Any]] = {  # sideways into a gap
+        "start": {"x": 0, "y": 0, "theta": 0, "phi": 0},
+        "goal": {"x": 0, "y": 0.5, "theta": 0, "phi": 0},
+        "control": {"harmonics": 3},
+    }
+    state_space = StateSpace(
+        [
+            scalar("x", "length"),
+            scalar("y", "length"),
+            scalar("theta", "angle", symbol=r"\theta"),
+            scalar("phi", "angle", symbol=r"\varphi"),
+        ]
+    )
+    input_space = StateSpace([scalar("v", "length"), scalar("w", "angle")])
+    wheelbase: float
+
+    def __init__(self, wheelbase: float = 1.0) -> None:
+        super().__init__(wheelbase=wheelbase)
+
+    def vector_fields(self, state: Array) -> Array:
+        xp, (theta, phi) = namespace(state), (state[2], state[3])
+        turning = xp.tan(phi) / self.wheelbase
+        return xp.matrix([[xp.cos(theta), 0.0], [xp.sin(theta), 0.0], [turning, 0.0], [0.0, 1.0]])
+
+    def constraints(self, state: Array, velocity: Array) -> Array:
+        """The speeds of the rear and of the front axle across their wheels."""
+        front = velocity[:2] + self.wheelbase * velocity[2] * across(state[2])
+        slips = [dot(velocity[:2], across(state[2])), dot(front, across(state[2] + state[3]))]
+        return namespace(state, velocity).vector(slips)
+
+    def default_length_scale(self) -> float:
+        return self.wheelbase
+
+    def drawing(self, state: Array) -> dict[str, Any]:
+        """The body and four wheels, the front ones steered."""
+        here, theta, size = state[:2], state[2], self.wheelbase
+        front = here + size * along(theta)
+        return {
+            "lines": {
+                "body": outline(here, theta, box(-0.3, 1.3, 0.32), size),
+                **wheels("rear wheel", here, theta, 0.3 * size, size),
+                **wheels("front wheel", front, theta, 0.3 * size, size, state[3]),
+            },
+            "points": {},
+            "trace": here,
+        }

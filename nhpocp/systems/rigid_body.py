@@ -1,0 +1,68 @@
+"""A free rigid body turned by torques: attitude with drift."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar
+
+from nhpocp.arrays import Array, cross, namespace
+from nhpocp.errors import InvalidProblemError
+from nhpocp.state_space import StateSpace, rotation, vector
+from nhpocp.systems.solids import ball, body_axes, facet
+from nhpocp.systems.system import Parameter, System
+
+
+class RigidBody(System):
+    r"""Euler's equations and the attitude on SO(3) × R³, [Bilimoria & Wie]:
+
+        Ṙ = R [Ω],   I Ω̇ = τ - Ω × I Ω
+
+    R: body to space, Ω: the angular velocity and τ: the torques about the principal axes, both in the body. With drift:
+    a spinning body goes on spinning. The default is the satellite of the classic least-time slews.
+    """
+
+    model: ClassVar[str] = "rigid_body"
+    declared: ClassVar[Mapping[str, Parameter]] = {
+        "inertia": Parameter("vector", [5621.0, 4547.0, 2364.0], "I, the three principal moments; each > 0")
+    }
+    example: ClassVar[Mapping[str, Any]] = {
+        "start": {"orientation": {"rpy": [0, 0, 0]}, "omega": [0, 0, 0]},
+        "goal": {"orientation": {"rpy": ["90 deg", 0, 0]}, "omega": [0, 0, 0]},
+        "horizon": 40,
+        "control": {"harmonics": 1, "initial": [[0, 20, 0], [0, 0, 0], [0, 0, 0]]},
+    }
+    state_space = StateSpace(
+        [rotation("orientation"), vector("omega", 3, "angle", symbol=r"\Omega", rate=True)]
+    )
+    input_space = StateSpace([vector("torque", 3, symbol=r"\tau")])
+    inertia: tuple[float, ...]
+
+    def __init__(self, inertia: Sequence[float] = (5621.0, 4547.0, 2364.0)) -> None:
+        super().__init__(inertia=inertia)
+        if not all(moment > 0 for moment in self.inertia):
+            raise InvalidProblemError("expected three moments > 0", path="system.inertia")
+
+    def vector_fields(self, state: Array) -> Array:
+        xp = namespace(state)
+        torques = [
+            [1.0 / moment if i == k else 0.0 for k in range(3)] for i, moment in enumerate(self.inertia)
+        ]
+        return xp.block([[xp.array([[0.0] * 3] * 3)], [xp.array(torques)]])
+
+    def drift(self, state: Array) -> Array:
+        xp, values = namespace(state), self.state_space.unpack(state)
+        omega, moments = values["omega"], xp.array(list(self.inertia))
+        gyration = cross(moments * omega, omega)
+        return xp.concatenate([values["orientation"] @ omega, gyration / moments])
+
+    def constraints(self, state: Array, velocity: Array) -> Array:
+        """The attitude's own rate, seen from the body, against Ω."""
+        values = self.state_space.unpack(state)
+        return values["orientation"].T @ velocity[:3] - values["omega"]
+
+    def drawing(self, state: Array) -> dict[str, Any]:
+        """The body's axes and the triangle of their tips; the first axis is followed."""
+        turned, centre = self.state_space.unpack(state)["orientation"], 0.0 * state[:3]
+        lines = {**body_axes(centre, turned, 1.0), "octant": facet(centre, turned, 0.8)}
+        solids = {"body": ball(centre, turned, 0.5)}
+        return {"lines": lines, "points": {}, "trace": turned[:, 0], "solids": solids}
