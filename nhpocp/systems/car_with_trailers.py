@@ -21,7 +21,7 @@ class CarWithTrailers(System):
 
     (x, y): the middle of the tractor's axle, θ_i: the heading of body i, v_i: the speed of its axle. Trailer i hangs at
     its length L_i behind a hitch that is M_i behind axle i - 1; M_i = 0 is on the axle, and there the Lie algebra loses
-    steps where θ_{i-1} - θ_i = ±90°, [Jean].
+    steps where θ_{i-1} - θ_i = ±90°, [Jean]. The output `hitch_angle`, θ_{i-1} - θ_i, is what to bound against jack-knife.
     """
 
     model: ClassVar[str] = "car_with_trailers"
@@ -63,7 +63,11 @@ class CarWithTrailers(System):
                 f"{len(self.hitch_offsets)} numbers; expected one for each of {len(self.lengths)} trailers"
             )
             raise InvalidProblemError(words, path="system.hitch_offsets")
-        headings = vector("theta", len(self.lengths) + 1, "angle", symbol=r"\theta")
+        n = len(self.lengths)
+        self.output_blocks = (
+            vector("hitch_angle", n, "angle", symbol=r"\beta", words="hitch angle", of_pose=True),
+        )
+        headings = vector("theta", n + 1, "angle", symbol=r"\theta")
         self.state_space = StateSpace([scalar("x", "length"), scalar("y", "length"), headings])
 
     def vector_fields(self, state: Array) -> Array:
@@ -93,6 +97,10 @@ class CarWithTrailers(System):
             moving = moving - length * velocity[3 + i] * across(state[3 + i])
             slips.append(dot(moving, across(state[3 + i])))
         return namespace(state, velocity).vector(slips)
+
+    def outputs(self, state: Array, control: Array) -> dict[str, Array]:
+        n = len(self.lengths)
+        return {"hitch_angle": state[2 : 2 + n] - state[3 : 3 + n]}
 
     def default_length_scale(self) -> float:
         return max(self.lengths)
