@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, ClassVar
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from nhpocp.arrays import Array, dot, namespace
 from nhpocp.state_space import StateSpace, scalar
 from nhpocp.systems.planar import across, along, box, outline, wheels
 from nhpocp.systems.system import Parameter, System
+
+if TYPE_CHECKING:
+    from nhpocp.systems.chained_form import ChainedForm
 
 
 class Car(System):
@@ -56,6 +59,19 @@ class Car(System):
 
     def default_length_scale(self) -> float:
         return self.wheelbase
+
+    def chained_form(self, near: Array) -> ChainedForm:
+        """z_1 and z_4 are the place along and across the heading of ``near``; headings within 90° of it."""
+        from nhpocp.systems.chained_form import ChainedForm
+
+        axis, side = along(near[2]), across(near[2])
+
+        def assemble(first: Array, last: Array, slopes: Sequence[Array]) -> Array:
+            xp = namespace(first)
+            theta = near[2] + xp.arctan(slopes[0])
+            return xp.concatenate([first * axis + last * side, theta, xp.arctan(slopes[1])])
+
+        return ChainedForm(self, 0, lambda x: dot(axis, x[:2]), lambda x: dot(side, x[:2]), assemble)
 
     def drawing(self, state: Array) -> dict[str, Any]:
         """The body and four wheels, the front ones steered."""

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from nhpocp.arrays import Array, dot, namespace
 from nhpocp.errors import InvalidProblemError
 from nhpocp.state_space import StateSpace, scalar, vector
 from nhpocp.systems.planar import across, along, box, outline, wheels
 from nhpocp.systems.system import Parameter, System
+
+if TYPE_CHECKING:
+    from nhpocp.systems.chained_form import ChainedForm
 
 
 class CarWithTrailers(System):
@@ -21,7 +24,7 @@ class CarWithTrailers(System):
 
     (x, y): the middle of the tractor's axle, θ_i: the heading of body i, v_i: the speed of its axle. Trailer i hangs at
     its length L_i behind a hitch that is M_i behind axle i - 1; M_i = 0 is on the axle, and there the Lie algebra loses
-    steps where θ_{i-1} - θ_i = ±90°, [Jean]. The output `hitch_angle`, θ_{i-1} - θ_i, is what to bound against jack-knife.
+    steps where θ_{i-1} - θ_i = ±90°, [Jean]. The output `hitch_angle`, θ_{i-1} - θ_i, is what to bound.
     """
 
     model: ClassVar[str] = "car_with_trailers"
@@ -104,6 +107,33 @@ class CarWithTrailers(System):
 
     def default_length_scale(self) -> float:
         return max(self.lengths)
+
+    def chained_form(self, near: Array) -> ChainedForm | None:
+        """Of hitches on the axles: the last axle's place along and across its heading in ``near``, [Sørdalen].
+
+        The last heading within 90° of that, and every hitch angle within 90°.
+        """
+        from nhpocp.systems.chained_form import ChainedForm
+
+        if any(self.hitch_offsets):
+            return None
+        heading, n = near[2 + len(self.lengths)], len(self.lengths)
+        axis, side = along(heading), across(heading)
+
+        def assemble(first: Array, last: Array, slopes: Sequence[Array]) -> Array:
+            xp = namespace(first)
+            theta = [heading + xp.arctan(slopes[0])]  # from the last trailer to the tractor
+            for slope in slopes[1:]:
+                theta.insert(0, theta[0] + xp.arctan(slope))
+            here = first * axis + last * side
+            for i in reversed(range(n)):
+                here = here + self.lengths[i] * along(theta[i + 1])
+            return xp.concatenate([here, *theta])
+
+        def of_axle(direction: Array) -> Callable[[Array], Array]:
+            return lambda state: dot(direction, self.axles(state)[-1])
+
+        return ChainedForm(self, 0, of_axle(axis), of_axle(side), assemble)
 
     def drawing(self, state: Array) -> dict[str, Any]:
         """Tractor and trailers with their wheels and drawbars."""

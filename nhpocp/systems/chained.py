@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, ClassVar
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from nhpocp.arrays import Array, namespace
 from nhpocp.errors import InvalidProblemError
 from nhpocp.state_space import StateSpace, scalar, vector
 from nhpocp.systems.system import Parameter, System
+
+if TYPE_CHECKING:
+    from nhpocp.systems.chained_form import ChainedForm
 
 
 class Chained(System):
@@ -46,6 +49,15 @@ class Chained(System):
         """Each link's slope: dx_{k+1} - x_k dx_1."""
         xp = namespace(state, velocity)
         return xp.vector([velocity[k + 1] - state[k] * velocity[0] for k in range(1, self.n - 1)])
+
+    def chained_form(self, near: Array) -> ChainedForm:
+        """Itself."""
+        from nhpocp.systems.chained_form import ChainedForm
+
+        def assemble(first: Array, last: Array, slopes: Sequence[Array]) -> Array:
+            return namespace(first).vector([first, *reversed(slopes), last])
+
+        return ChainedForm(self, 0, lambda x: x[0], lambda x: x[self.n - 1], assemble)
 
     def drawing(self, state: Array) -> dict[str, Any]:
         """The chain in one picture: every x_k above x_1, the last of them followed."""

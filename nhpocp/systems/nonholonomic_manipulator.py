@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from nhpocp.arrays import Array, namespace
 from nhpocp.errors import InvalidProblemError
 from nhpocp.state_space import StateSpace, scalar, vector
 from nhpocp.systems.planar import along
 from nhpocp.systems.system import Parameter, System
+
+if TYPE_CHECKING:
+    from nhpocp.systems.chained_form import ChainedForm
 
 
 class NonholonomicManipulator(System):
@@ -64,6 +67,16 @@ class NonholonomicManipulator(System):
                 onwards = onwards * xp.cos(theta[j])
             rolling.append(velocity[i + 2] * onwards - gain * xp.sin(theta[i]) * velocity[0])
         return xp.vector(rolling)
+
+    def chained_form(self, near: Array) -> ChainedForm:
+        """z_1 = φ, z_{n+1} = θ_n; θ_1 … θ_{n-1} within 90°, where every gear passes on some speed."""
+        from nhpocp.systems.chained_form import ChainedForm
+
+        def assemble(first: Array, last: Array, slopes: Sequence[Array]) -> Array:
+            xp = namespace(first)
+            return xp.vector([first, *(xp.arctan(slope) for slope in reversed(slopes)), last])
+
+        return ChainedForm(self, 1, lambda x: x[0], lambda x: x[len(self.gains) + 1], assemble)
 
     def drawing(self, state: Array) -> dict[str, Any]:
         """The arm from above, links of one length each, its joints' angles one on top of the other."""

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from inspect import Parameter as SignatureParameter
 from inspect import signature
-from typing import Any, ClassVar, Literal, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
 from nhpocp.arrays import Array, namespace, symbolic
 from nhpocp.constructed import add_to_manual
@@ -15,6 +15,9 @@ from nhpocp.errors import CallError, InvalidProblemError, describe, expect, sugg
 from nhpocp.frozen import Frozen, as_value
 from nhpocp.state_space import UNIT_WORDS, Block, StateSpace, Unit, check_distinct
 from nhpocp.systems.margins import margin
+
+if TYPE_CHECKING:
+    from nhpocp.systems.chained_form import ChainedForm
 
 
 @dataclass(frozen=True)
@@ -285,6 +288,14 @@ class System(Frozen):
         """This system's motions as the actuators make them: their system, and (x, control) ↦ its input.
 
         None where this system's own inputs are the actuators', or nothing is known of any.
+        """
+        return None
+
+    def chained_form(self, near: Array) -> ChainedForm | None:
+        """Coordinates in which this system is in chained form, in a chart that holds the point ``near``.
+
+        None where none is known. Its `to_chained` and `from_chained` take states there and back; the solver `sinusoids`
+        steers in them.
         """
         return None
 

@@ -63,6 +63,9 @@ class TruckWithTrailers(CarWithTrailers):
         more = [dot(front, across(heading + state[-1])), dot(velocity[:2], along(heading)) - state[-2]]
         return xp.concatenate([super().constraints(state[:-2], velocity[:-2]), xp.vector(more)])
 
+    def chained_form(self, near: Array) -> None:
+        return None  # with speed and steering as states, nothing moves at once
+
     def default_length_scale(self) -> float:
         return max(self.wheelbase, *self.lengths)
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, ClassVar
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from nhpocp.arrays import Array, namespace
 from nhpocp.state_space import StateSpace, scalar
 from nhpocp.systems.system import System
+
+if TYPE_CHECKING:
+    from nhpocp.systems.chained_form import ChainedForm
 
 LENGTH = 0.15  # of the drawn body
 
@@ -37,6 +40,21 @@ class Unicycle(System):
         """The speed across the heading."""
         xp = namespace(state, velocity)
         return xp.vector([velocity[1] * xp.cos(state[2]) - velocity[0] * xp.sin(state[2])])
+
+    def chained_form(self, near: Array) -> ChainedForm:
+        """The place as the wheel sees it, everywhere: z_1 = θ, z_2 = x cos θ + y sin θ, z_3 = x sin θ - y cos θ."""
+        from nhpocp.systems.chained_form import ChainedForm
+
+        def last(state: Array) -> Array:
+            xp = namespace(state)
+            return state[0] * xp.sin(state[2]) - state[1] * xp.cos(state[2])
+
+        def assemble(first: Array, last: Array, slopes: Sequence[Array]) -> Array:
+            xp, along = namespace(first), slopes[0]
+            c, s = xp.cos(first), xp.sin(first)
+            return xp.vector([along * c + last * s, along * s - last * c, first])
+
+        return ChainedForm(self, 1, lambda x: x[2], last, assemble)
 
     def drawing(self, state: Array) -> dict[str, Any]:
         """The body with its nose ahead, from above, and the wheel."""
