@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from nhpocp.comparison import Entry as Entry
     from nhpocp.comparison import Run as Run
     from nhpocp.constraints.bound import Bound as Bound
+    from nhpocp.constraints.kind import ConstraintKind as ConstraintKind
     from nhpocp.controls.basis import ControlBasis as ControlBasis
     from nhpocp.controls.bspline import BSpline as BSpline
     from nhpocp.controls.chebyshev import Chebyshev as Chebyshev
@@ -50,6 +51,8 @@ if TYPE_CHECKING:
     from nhpocp.flow.simulation import Motion as Motion
     from nhpocp.frozen import replace as replace
     from nhpocp.horizon import Horizon as Horizon
+    from nhpocp.objectives.objective import ControlObjective as ControlObjective
+    from nhpocp.objectives.objective import PathObjective as PathObjective
     from nhpocp.outcome import Outcome as Outcome
     from nhpocp.problem import PlanningProblem as PlanningProblem
     from nhpocp.problem_file import dump_problem as dump_problem
@@ -81,6 +84,7 @@ if TYPE_CHECKING:
     from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting as MultipleShooting
     from nhpocp.solvers.nlp.single_shooting import SingleShooting as SingleShooting
     from nhpocp.solvers.nlp.staged_transcription import StagedTranscription as StagedTranscription
+    from nhpocp.solvers.settings import SolverSettings as SolverSettings
     from nhpocp.state_space import Block as Block
     from nhpocp.state_space import StateSpace as StateSpace
     from nhpocp.state_space import deg as deg
@@ -137,9 +141,11 @@ _HOMES = {
     "Comparison": "comparison",
     "Compiled": "flow.compiled.kernels",
     "CompiledWhenReady": "flow.compiled.kernels",
+    "ConstraintKind": "constraints.kind",
     "Continuation": "solvers.continuation.continuation",
     "Control": "controls.control",
     "ControlBasis": "controls.basis",
+    "ControlObjective": "objectives.objective",
     "Cvodes": "flow.integrators",
     "Damped": "solvers.continuation.generalized_inverses",
     "DifferentiatedEndPointMap": "flow.end_point_map",
@@ -180,6 +186,7 @@ _HOMES = {
     "ParallelRobot": "systems.parallel_robot",
     "Parameter": "systems.system",
     "PassiveSphere": "systems.passive_sphere",
+    "PathObjective": "objectives.objective",
     "PiecewiseConstant": "controls.piecewise_constant",
     "Plan": "batch",
     "PlanningProblem": "problem",
@@ -193,6 +200,7 @@ _HOMES = {
     "Solution": "solution",
     "Solver": "solution",
     "SolverGuess": "solvers.nlp.guesses",
+    "SolverSettings": "solvers.settings",
     "SphereOnSphere": "systems.sphere_on_sphere",
     "StagedTranscription": "solvers.nlp.staged_transcription",
     "StateSpace": "state_space",

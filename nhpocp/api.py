@@ -19,10 +19,12 @@ from nhpocp.arrays import Array
 from nhpocp.controls.control import Control
 from nhpocp.doubts import doubts
 from nhpocp.errors import CallError, InvalidProblemError, NhpocpWarning, describe, expect
+from nhpocp.family import Family
 from nhpocp.problem import PlanningProblem
 from nhpocp.problem_file.reading import build, read
 from nhpocp.solution import Progress, Solution, Solver, Verdict
 from nhpocp.systems.trial import try_out
+from nhpocp.views.inline_progress import followed
 
 if TYPE_CHECKING:
     from nhpocp.analysis import Analysis
@@ -52,14 +54,16 @@ def solve(
 
     problem: a `PlanningProblem`, or the name of its file. solver: a solver such as `Auto()` or `MultipleShooting()`, or
     the name of one, "jacobian" or "nlp", with the problem's settings; by default its Jacobian method. progress: called
-    with a record after every evaluated control.
+    with a record after every evaluated control; in a notebook, without it, a few lines show how far the solve is.
     The `Solution` has `outcome`, `message`, `converged`, `control`, `costs` and `trajectory`, arrays by name, samples
     first: "t" (samples,) [time], "position" (samples, 3) [length], "orientation" (samples, 3, 3), inputs and outputs.
     A solve that fails is an outcome of the solution, no error.
     Errors: `InvalidProblemError` for what is no problem or no solver, or a problem that the solver cannot take. Warns,
     as `NhpocpWarning`, of what is hardly meant.
     """
-    return planning.solve(_problem(problem), solver, progress)
+    made = _problem(problem)
+    with followed(progress, made.name) as listener:
+        return planning.solve(made, solver, listener)
 
 
 def plan_many(
@@ -107,12 +111,9 @@ def compare(
     if not many:
         raise CallError(f"problems: expected at least one, each {A_PROBLEM}, got none")
     wanted = [variants] if isinstance(variants, str) else variants
-    return comparison.compare(
-        [item if isinstance(item, comparison.Run) else _problem(item) for item in many],
-        wanted,
-        progress,
-        finished,
-    )
+    made = [item if isinstance(item, comparison.Run) else _problem(item) for item in many]
+    with followed(progress) as listener:
+        return comparison.compare(made, wanted, listener, finished)
 
 
 def analyze(
@@ -183,12 +184,33 @@ def save_solution(
     called with the solution and the new folder to add files to it. trace: add iterations.csv, a row for every
     evaluated control.
     Errors: `InvalidProblemError` for a folder that is something else or cannot be written, or what is no solution.
+    Warns, as `NhpocpWarning`, where `load_solution` will not know a class of your own, which no file can name.
     """
     from nhpocp import solution_folder
 
     expect(solution, Solution, "a Solution, such as solve(problem) returns", "solution")
     _expect_name(folder, "the name of a folder", "folder")
+    _warn(_unreadable(solution))
     return solution_folder.save_solution(solution, folder, pictures, trace=trace)
+
+
+def _unreadable(solution: Solution) -> Iterator[str]:
+    """What of a solution no file can name, so that its folder will not be read back."""
+    from nhpocp.controls.registry import BASES
+    from nhpocp.controls.sequence import SequenceBasis
+    from nhpocp.problem_file.registry import SYSTEMS
+
+    basis = solution.control.basis
+    bases = basis.bases if isinstance(basis, SequenceBasis) else (basis,)
+    kinds = dict.fromkeys([*(each.kind for each in bases), solution.problem.basis.kind])
+    used: list[tuple[Family[Any], str]] = [
+        (SYSTEMS, solution.problem.system.model),
+        *((BASES, k) for k in kinds),
+    ]
+    for family, name in used:
+        if name not in family and family.group:
+            words = f"{name!r} is {family.group.noun} that no file can name, so load_solution will refuse this folder"
+            yield f"{words}; give your package an entry point of the group {family.group.name}"
 
 
 def load_solution(folder: Named) -> Solution:

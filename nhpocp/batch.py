@@ -36,6 +36,11 @@ class Plan:
     control: Control
     evaluations: int
 
+    def __repr__(self) -> str:
+        return (
+            f"<Plan {self.outcome.value}: E = {self.error:.3g}, {self.evaluations} evaluations, unverified>"
+        )
+
 
 def plan_many(
     problem: PlanningProblem,

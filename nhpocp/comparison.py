@@ -21,8 +21,10 @@ from nhpocp.errors import NhpocpError, expect
 from nhpocp.interruption import STOPPED, Interruption
 from nhpocp.objectives.registry import OBJECTIVES, costs_of_motion, exact_costs
 from nhpocp.outcome import Outcome
+from nhpocp.plain_text import brief, visible
 from nhpocp.problem import PlanningProblem
 from nhpocp.provenance import machine, peak_memory, reset_peak_memory
+from nhpocp.shown import Shown
 from nhpocp.solution import Progress, Solution, Solver, telling
 from nhpocp.solvers.unsolved import unsolved
 
@@ -60,6 +62,9 @@ class Entry:
     solution: Solution
     variant: str
     folder: str | None = None
+
+    def __repr__(self) -> str:
+        return f"<Entry {visible(self.variant)}: {self.solution!r}>"
 
     @classmethod
     def of(cls, solution: Solution, folder: str | None = None) -> Entry:
@@ -117,6 +122,9 @@ class Group:
     title: str
     entries: Sequence[Entry]
 
+    def __repr__(self) -> str:
+        return f"<Group {brief(self.title)} of {len(self.entries)} runs>"
+
     @property
     def problem(self) -> PlanningProblem:
         return self.entries[0].solution.problem
@@ -129,7 +137,7 @@ class Group:
 
 
 @dataclass(frozen=True)
-class Comparison:
+class Comparison(Shown):
     """Runs that are done, as `compare` returns them.
 
     entries: a run each, in order. notes: what a reader has to know of the whole, such as runs that never began.
@@ -137,6 +145,13 @@ class Comparison:
 
     entries: Sequence[Entry]
     notes: Sequence[str] = ()
+
+    def __repr__(self) -> str:
+        good = sum(entry.solution.converged for entry in self.entries)
+        names = [brief(group.title) for group in self.groups]
+        on = names[0] if len(names) == 1 else f"{len(names)} problems"
+        notes = f", {len(self.notes)} notes" if self.notes else ""
+        return f"<Comparison of {len(self.entries)} runs on {on}: {good} verified{notes}>"
 
     @classmethod
     def of(

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from abc import ABCMeta
 from collections.abc import Mapping, Sequence
-from dataclasses import Field
+from dataclasses import MISSING, Field
 from inspect import Parameter, Signature, cleandoc, signature
 from typing import Any
 
 from nhpocp.errors import CallError, suggestion
+from nhpocp.plain_text import as_call
 
 
 class Constructing(ABCMeta):
@@ -16,6 +17,8 @@ class Constructing(ABCMeta):
 
     def __init__(cls, name: str, bases: tuple[type, ...], members: dict[str, Any], **more: Any) -> None:
         super().__init__(name, bases, members, **more)
+        # pinned, for @dataclass writes its own over one that is inherited
+        cls.__repr__ = cls.__repr__  # type: ignore[method-assign]
         declared = {
             field: value.metadata["declared"].meaning
             for field, value in {**getattr(cls, "__dataclass_fields__", {}), **members}.items()
@@ -42,6 +45,22 @@ class Constructing(ABCMeta):
 
 class Constructed(metaclass=Constructing):
     """A class whose constructor says which arguments it takes, as `CallError`, where it is given others."""
+
+    def __repr__(self) -> str:
+        return written(self)
+
+
+def written(made: Any) -> str:
+    """An object as one would write it, in one line: its class, and the arguments that say something."""
+    cls = type(made)
+    fields: Mapping[str, Any] = getattr(cls, "__dataclass_fields__", {})
+
+    def default(argument: Parameter) -> Any:
+        own = fields.get(argument.name)
+        return argument.default if own is None or own.default_factory is MISSING else own.default_factory()
+
+    given = [p for p in cls.__signature__.parameters.values() if hasattr(made, p.name)]
+    return as_call(cls.__name__, [(p.name, getattr(made, p.name), default(p)) for p in given])
 
 
 def add_to_manual(cls: type, parameters: Sequence[str], wrong: str) -> None:

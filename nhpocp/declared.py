@@ -18,6 +18,16 @@ LARGEST_DEGREE = 1000  # harmonics
 Kind = Literal["whole", "auto or whole", "positive", "choice", "truth"]
 
 
+class Degrees(float):
+    """An angle [rad] that was written in degrees, in which messages say it again; so is a multiple of it."""
+
+    def __mul__(self, factor: Any) -> Any:
+        product = float(self) * factor
+        return Degrees(product) if isinstance(product, float) else product
+
+    __rmul__ = __mul__
+
+
 @dataclass(frozen=True)
 class Declared:
     """One field. least, most: of whole numbers, None for no limit; choices: names."""
@@ -66,7 +76,7 @@ def real(value: Any, path: str | None, wanted: str = "a number") -> float:
     if isinstance(value, bool) or not isinstance(value, Real):
         raise InvalidProblemError(f"expected {wanted}, got {describe(value)}{degrees_hint(value)}", path=path)
     try:
-        number = float(value)
+        number = value if isinstance(value, Degrees) else float(value)
     except OverflowError:
         number = float("inf")
     if not isfinite(number):

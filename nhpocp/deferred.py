@@ -7,6 +7,7 @@ from functools import cached_property
 from typing import Any
 
 from nhpocp.errors import UnknownNameError, suggestion
+from nhpocp.plain_text import brief
 
 
 class Named(dict[str, Any]):
@@ -14,6 +15,9 @@ class Named(dict[str, Any]):
 
     def __missing__(self, name: str) -> Any:
         raise UnknownNameError(f"there is no {name!r} here; {suggestion(str(name), self)}")
+
+    def __repr__(self) -> str:
+        return f"{{{', '.join(f'{name!r}: {brief(value)}' for name, value in self.items())}}}"
 
 
 class Deferred(Mapping[str, Any]):
@@ -49,7 +53,10 @@ class Deferred(Mapping[str, Any]):
         return self
 
     def __repr__(self) -> str:
-        return f"Deferred({self._known!r}, …)"
+        if "_whole" in self.__dict__:
+            return repr(self._whole)
+        known = ", ".join(f"{name!r}: {brief(value)}" for name, value in self._known.items())
+        return f"{{{known}, …}}" if known else "{…}"
 
     def __reduce__(self) -> tuple[type[Named], tuple[dict[str, Any]]]:
         return Named, (dict(self),)

@@ -10,6 +10,7 @@ import numpy as np
 
 from nhpocp.errors import InvalidProblemError
 from nhpocp.foreseen import broken_poses
+from nhpocp.pace import too_far
 from nhpocp.problem import PlanningProblem
 from nhpocp.scales import coarse
 from nhpocp.systems.system import System
@@ -39,9 +40,12 @@ def doubts(
         yield InvalidProblemError(words, path="goal", at_key=True)
     for pose, report in broken_poses(problem):
         verb = {"start": "begin", "goal": "end"}.get(pose, "pass")
-        words = f"{report.name} is {report.value:.4g}, {report.limit_words()}; no plan can {verb} there"
+        words = f"{report.name} is {report.value_words()}, {report.limit_words()}; no plan can {verb} there"
         place = f"via[{order[int(pose[4:-1])]}]" if pose.startswith("via[") else pose
         yield InvalidProblemError(words, path=place, at_key=True)
+    horizon = problem.horizon
+    if words := too_far(problem, horizon.maximum if horizon.free else horizon.initial, tolerance):
+        yield InvalidProblemError(words, path="constraints.leg_speed", at_key=True)
     poses = [start, *(via.goal for via in problem.via), goal]
     if words := coarse(problem.scales, poses, problem.error_length, tolerance):
         yield InvalidProblemError(words, path="error_length", at_key=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import difflib
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -42,8 +43,9 @@ class InvalidProblemError(LocatedError):
     """A problem, a setting or a file that cannot be used as it stands.
 
     at_key: whether the path's last key is the mistake, and not its value. known: the names that ``word`` may have been
-    meant as; they are compared when the message is read, since of thousands of errors one is told. others: what is
-    wrong beside this, found at the same time.
+    meant as; they are compared when the message is read, since of thousands of errors few are told. elsewhere: whole
+    paths at which the word is a key. others: what is wrong beside this, found at the same time; where they are
+    ``counted`` the message says how many there are.
     """
 
     def __init__(
@@ -57,18 +59,35 @@ class InvalidProblemError(LocatedError):
     ) -> None:
         super().__init__(message, **place)
         self.at_key = at_key or word is not None
-        self._word, self._known = word, tuple(known)
+        self.word, self._known = word, tuple(known)
+        self.elsewhere: Sequence[str] = ()
         self.others: tuple[InvalidProblemError, ...] = ()
+        self.counted, self.note = False, ""
 
     @property
     def message(self) -> str:
-        if self._word is None:
-            return self.plain
-        return f"{self.plain}; {suggestion(self._word, self._known)}"
+        more = f" (and {len(self.others)} more)" if self.counted else ""
+        if self.word is None:
+            return f"{self.plain}{self.note}{more}"
+        meant = " or ".join(map(repr, self.elsewhere))
+        hint = f"did you mean {meant}?" if meant else suggestion(self.word, self._known)
+        return f"{self.plain}; {hint}{self.note}{more}"
 
     @message.setter
     def message(self, words: str) -> None:
         self.plain = words
+
+    @property
+    def each(self) -> tuple[InvalidProblemError, ...]:
+        """This and the others, each by itself."""
+        return self.changed(counted=False), *self.others
+
+    def changed(self, **values: Any) -> InvalidProblemError:
+        """A copy with other attributes, such as file, line and column."""
+        twin = copy.copy(self)
+        for name, value in values.items():
+            setattr(twin, name, value)
+        return twin
 
     def under(self, prefix: str) -> InvalidProblemError:
         """This error, its path counted from further up."""

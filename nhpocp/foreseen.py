@@ -3,7 +3,7 @@ that have no least."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -39,7 +39,7 @@ def broken_poses(problem: PlanningProblem) -> Iterator[tuple[str, BoundReport]]:
     poses = {"start": problem.start, "goal": problem.goal}
     poses |= {f"via[{i}]": via.goal for i, via in enumerate(problem.via)}
     for place, pose in poses.items():
-        values = {**_of_the_pose(problem, pose), **pose}
+        values = {**of_the_pose(problem, pose, [bound.quantity for bound in problem.bounds]), **pose}
         bounds = [bound for bound in problem.bounds if bound.quantity in values]
         batch = {name: np.asarray(value, dtype=float)[None] for name, value in values.items()}
         for report in check_bounds(bounds, np.zeros(1), batch):
@@ -47,13 +47,13 @@ def broken_poses(problem: PlanningProblem) -> Iterator[tuple[str, BoundReport]]:
                 yield place, report
 
 
-def _of_the_pose(problem: PlanningProblem, pose: Mapping[str, Any]) -> dict[str, Array]:
-    """The bounded outputs and margins of a whole pose, as far as no control changes them."""
+def of_the_pose(problem: PlanningProblem, pose: Mapping[str, Any], names: Iterable[str]) -> dict[str, Array]:
+    """Those named of the outputs and margins of a whole pose that no control changes."""
     system, space = problem.system, problem.system.state_space
     if not set(space.names) <= set(pose):
         return {}
     point, inputs = np.asarray(space.pack(pose)), system.input_space.size
-    wanted = {bound.quantity for bound in problem.bounds} - {*space.names, *system.input_space.names}
+    wanted = {*names} - {*space.names, *system.input_space.names}
     values: dict[str, Array] = {}
     for name in wanted:
         if bounded := margin(name):
@@ -84,10 +84,8 @@ def contradiction(problem: PlanningProblem) -> str:
         lower, upper = np.broadcast_arrays(lower, upper)
         if (lower > upper).any():
             place = np.unravel_index(int(np.argmax(lower - upper)), lower.shape)
-            return (
-                f"{_names(bounds)} leave nothing: {quantity} is to be at least {lower[place]:g} and at most "
-                f"{upper[place]:g}"
-            )
+            least, most = (bounds[0].figure(side[place]) for side in (lower, upper))
+            return f"{_names(bounds)} leave nothing: {quantity} is to be at least {least} and at most {most}"
     ends = {"start": problem.start_point}
     if problem.goal_is_a_pose:
         ends["goal"] = problem.goal_point

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Any, ClassVar, NoReturn, Self, TypeVar
 
-from nhpocp.constructed import Constructing
+from nhpocp.constructed import Constructing, written
 from nhpocp.errors import CallError, FrozenError, describe
 
 
@@ -94,6 +94,9 @@ class Frozen(metaclass=_Freezing):
         for name, value in self.__dict__.items():
             self.__dict__[name] = fixed(value)
         self.__dict__["_frozen"] = True
+
+    def __repr__(self) -> str:
+        return written(self)
 
     def __setattr__(self, name: str, value: Any) -> None:
         self._refuse_when_made(name)

@@ -6,11 +6,19 @@ from typing import Any
 
 import casadi as ca
 
+from nhpocp.constraints.registry import KINDS
+from nhpocp.controls.registry import BASES
+from nhpocp.family import Family
 from nhpocp.flow.compiled.kernel_folder import cached
 from nhpocp.interruption import Interruption
-from nhpocp.problem_file.registry import SYSTEMS, every_class
+from nhpocp.objectives.registry import OBJECTIVES
+from nhpocp.problem_file.registry import SYSTEMS
 from nhpocp.provenance import environment
+from nhpocp.solvers.continuation.settings import STEP_RULES
 from nhpocp.solvers.nlp.ipopt import LINEAR_SOLVERS
+from nhpocp.solvers.registry import SOLVERS
+
+EXTENSIBLE: tuple[Family[Any], ...] = (SYSTEMS, BASES, STEP_RULES, SOLVERS, OBJECTIVES, KINDS)
 
 
 def diagnose() -> dict[str, Any]:
@@ -33,9 +41,14 @@ def _parts() -> dict[str, Any]:
 
 
 def plugins() -> list[str]:
-    """Systems of other distributions, and what is wrong with those that are broken."""
-    classes, broken = every_class()
-    return [f"{model} ({cls.__module__})" for model, cls in classes.items() if model not in SYSTEMS] + broken
+    """What other distributions add, and what is wrong with what is broken of it."""
+    told: list[str] = []
+    for family in EXTENSIBLE:
+        faults, added = family.faults(), family.plugins()
+        noun = family.group.noun if family.group else ""
+        told += [f"{name}, {noun} ({added[name][0]})" for name in family if name in added]
+        told += faults
+    return told
 
 
 def _solves(linear_solver: str) -> bool:

@@ -20,7 +20,7 @@ from typing import Any, ClassVar, Self
 from nhpocp.errors import NhpocpError
 
 STOPPED = "Stopped by hand"  # the words for it
-PATIENCE = 0.8  # seconds that a noted signal may wait for somebody to look at it
+PATIENCE = 0.6  # seconds that a noted signal may wait for somebody to look at it
 _wanted: ContextVar[Callable[[], bool] | None] = ContextVar("wanted", default=None)
 
 

@@ -18,10 +18,11 @@ from nhpocp.interruption import STOPPED, Interruption
 from nhpocp.kept import let_go
 from nhpocp.objectives.registry import OBJECTIVES
 from nhpocp.outcome import Outcome
+from nhpocp.pace import ROOM, patient_horizon, too_far
 from nhpocp.problem import PlanningProblem
 from nhpocp.scales import coarse
-from nhpocp.solution import Progress, Solution, Solver
-from nhpocp.solvers.registry import SOLVERS
+from nhpocp.solution import Progress, Solution, Solver, telling
+from nhpocp.solvers.registry import SOLVERS, made_solver
 from nhpocp.solvers.unsolved import unsolved
 from nhpocp.systems.numeric import numeric_system
 from nhpocp.verification import verify
@@ -44,6 +45,7 @@ def solve(
     with Interruption() as interruption:
         try:
             solution = refused(problem, solver) or _in_short(solver.solve(problem, progress))
+            solution = _with_a_cure(solution, progress)
         except KeyboardInterrupt:
             if interruption.insisted:
                 raise
@@ -71,6 +73,33 @@ def _in_short(solution: Solution) -> Solution:
     if solution.outcome is not Outcome.INTERRUPTED:
         return solution
     return replace(solution, iterations=[at_hand(record) for record in solution.iterations])
+
+
+def _too_far(problem: PlanningProblem, solver: Solver) -> str:
+    free = problem.horizon.free and getattr(solver, "chooses_horizon", False)
+    horizon = problem.horizon.maximum if free else problem.horizon.initial
+    return too_far(problem, horizon, solver.tolerance)
+
+
+def _with_a_cure(solution: Solution, progress: Progress | None) -> Solution:
+    """With the horizon in which its bounds on rates can be kept, if they are broken and a motion without them is found.
+
+    A driftless motion takes the same path more slowly.
+    """
+    if solution.outcome not in (Outcome.CONSTRAINT_VIOLATED, Outcome.INFEASIBLE):
+        return solution
+    problem = solution.problem
+    bounds = problem.bounds_on_rates
+    if not bounds or problem.horizon.initial is None or list(broken_poses(problem)):
+        return solution
+    relaxed = problem.with_(bounds=[bound for bound in problem.bounds if bound not in bounds])
+    plan = default_solver(problem).solve(relaxed, telling(progress, way="at another pace"))
+    horizon = patient_horizon(bounds, plan.trajectory) if plan.outcome is Outcome.CONVERGED else None
+    if horizon is None or float(horizon) <= ROOM * problem.horizon.initial:
+        return solution
+    names = " and ".join(dict.fromkeys(bound.label for bound in bounds))
+    words = f"A motion that keeps {names} was found for horizon: {horizon}."
+    return replace(solution, message=f"{solution.message} {words}")
 
 
 def _doubted(solution: Solution) -> Solution:
@@ -127,7 +156,7 @@ def own_solver(problem: PlanningProblem, name: str) -> Solver:
     if name not in SOLVERS:
         near = suggestion(name, [*problem.solvers, *SOLVERS])
         raise InvalidProblemError(f"unknown solver {name!r}; {near}", path="solver")
-    return SOLVERS[name]().solver(None, {})
+    return made_solver(name, SOLVERS[name]())
 
 
 def refused(problem: PlanningProblem, solver: Solver) -> Solution | None:
@@ -141,7 +170,7 @@ def refused(problem: PlanningProblem, solver: Solver) -> Solution | None:
     if missed := _missed_by_the_drift(problem, solver):
         return _refused(problem, solver, Outcome.NOT_REACHED, f"{missed}. There is no control to search for.")
     sentences = {
-        Outcome.INFEASIBLE: contradiction(problem) or _broken_bounds(problem),
+        Outcome.INFEASIBLE: contradiction(problem) or _broken_bounds(problem) or _too_far(problem, solver),
         Outcome.OTHER_COMPONENT: _opposite_signs(problem) if problem.goal_is_a_pose else "",
     }
     for outcome, sentence in sentences.items():
@@ -168,7 +197,7 @@ def _broken_bounds(problem: PlanningProblem) -> str:
     """The poses that break a bound themselves, in words."""
     names = {f"via[{i}]": f"via pose at {via.share:g}" for i, via in enumerate(problem.via)}
     return "; ".join(
-        f"the {names.get(place, place)} itself breaks {report.name}, which is {report.value:.4g}, "
+        f"the {names.get(place, place)} itself breaks {report.name}, which is {report.value_words()}, "
         + report.limit_words()
         for place, report in broken_poses(problem)
     )

@@ -21,8 +21,10 @@ from nhpocp.errors import InvalidProblemError, describe, expect, refuse
 from nhpocp.frozen import ByValue, FixedDict, Frozen, as_value, fixed
 from nhpocp.horizon import Horizon
 from nhpocp.objectives.registry import available
+from nhpocp.plain_text import brief
 from nhpocp.poses import checked_goal, checked_start, goal_blocks
 from nhpocp.scales import Scales, natural_scales
+from nhpocp.shown import Shown
 from nhpocp.state_space import Block
 from nhpocp.systems.margins import margin
 from nhpocp.systems.quantities import quantities
@@ -38,7 +40,7 @@ SAME_TIME = 1e-6  # fractions of the horizon that are nearer have no room for a 
 
 
 @dataclass(kw_only=True, eq=False)
-class PlanningProblem(ByValue, Frozen):
+class PlanningProblem(ByValue, Frozen, Shown):
     """A task: steer a system from a start to a goal. Frozen; equal to its copies; `replace(problem, …)` makes another.
 
     system: such as `ThreeUPU()`. start: a value for every block of the state, as {"position": [0, 0, 25],
@@ -74,6 +76,15 @@ class PlanningProblem(ByValue, Frozen):
     pictures: bool = True
     reference: Mapping[str, Any] = field(default_factory=dict)
     source: str | None = field(default=None, init=False, compare=False)  # see `read_from`
+
+    def __repr__(self) -> str:
+        horizon = self.horizon
+        time = f"{horizon.range[0]:g} … {horizon.range[1]:g}" if horizon.free else f"{horizon.fixed:g}"
+        more = [
+            f"{len(part)} {word}" for part, word in ((self.via, "via poses"), (self.bounds, "bounds")) if part
+        ]
+        words = ", ".join([brief(self.basis), f"T = {time}", f"objective {self.objective}", *more])
+        return f"<PlanningProblem {brief(self.name)}: {self.system.model}, {words}>"
 
     def __hash__(self) -> int:
         """Of what most problems differ in; solvers may have none."""
@@ -298,6 +309,17 @@ class PlanningProblem(ByValue, Frozen):
         durations = (self.horizon.initial, self.horizon.maximum, self.horizon.minimum)
         boxes = [(bound.quantity, bound.lower, bound.upper) for bound in self.bounds]
         return natural_scales(self.system, poses, boxes, durations, self.error_length, self.length_scale)
+
+    @property
+    def bounds_on_rates(self) -> list[Bound]:
+        """Those that the same path keeps where it is run more slowly: on inputs, and on outputs that are rates.
+
+        With a drift a motion cannot be run at another pace.
+        """
+        system = self.system
+        outputs = [block for kind, block in self.quantities if block.rate]
+        rates = {*system.input_space.names, *(block.name for block in outputs)}
+        return [bound for bound in self.bounds if system.driftless and bound.quantity in rates]
 
     @property
     def goal_is_a_pose(self) -> bool:

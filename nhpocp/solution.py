@@ -12,10 +12,13 @@ from nhpocp import so3
 from nhpocp.arrays import Array
 from nhpocp.constraints.bound import BoundReport
 from nhpocp.controls.control import Control
+from nhpocp.declared import whole_number
 from nhpocp.deferred import Deferred, Named, extended
 from nhpocp.frozen import ByValue
 from nhpocp.outcome import Outcome
+from nhpocp.plain_text import brief, visible
 from nhpocp.problem import PlanningProblem
+from nhpocp.shown import VIEWS, Shown
 from nhpocp.systems.margins import det, margin
 
 
@@ -39,6 +42,9 @@ class Crossing:
     def letter(self) -> str:
         """What [Paper] calls the matrix."""
         return det(self.matrix).letter
+
+    def __repr__(self) -> str:
+        return f"<Crossing of det {self.letter} = 0 at t = {self.time:.4g}>"
 
     def to_json(self) -> dict[str, Any]:
         known = {"which": self.which, "t": self.time, "returns": self.returns, "touches": self.touches}
@@ -80,9 +86,15 @@ class Verdict:
     bounds: Sequence[BoundReport] = ()
     warnings: Sequence[str] = ()
 
+    def __repr__(self) -> str:
+        said = "ok" if self.ok else f"refuted: {visible('; '.join(self.reasons))}"
+        error = "" if self.error is None else f", E = {self.error:.3g}"
+        crossed = f", {len(self.crossings)} crossings" if self.crossings else ""
+        return f"<Verdict {said}{error}{crossed}>"
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Solution(ByValue):
+class Solution(ByValue, Shown):
     """A control, the motion it makes, and how it was found.
 
     problem: what was solved. solver, settings, tolerance: by which method, and the E [rad] that counts as reached.
@@ -120,6 +132,12 @@ class Solution(ByValue):
             if not isinstance(entries, Deferred | Named):
                 object.__setattr__(self, name, Named(entries))
 
+    def __repr__(self) -> str:
+        error = self.verdict.error if self.verdict and self.verdict.error is not None else self.final_error
+        ending = self.outcome.value if self.verdict else f"{self.outcome.value} (nobody has verified it)"
+        numbers = f"E = {error:.3g}, effort {self.control.effort:.6g}, {self.evaluations} evaluations"
+        return f"<Solution of {brief(self.problem.name)} by {self.solver}: {ending}, {numbers}>"
+
     @property
     def converged(self) -> bool:
         """True only where the solver claims it and verification confirms it."""
@@ -139,6 +157,33 @@ class Solution(ByValue):
             else:
                 parts.append(f"{block.name} = {_numbers(np.ravel(value))}")
         return ", ".join(parts)
+
+    def plot(self, *names: str) -> Any:
+        """Its pictures, as `nhpocp plot` draws them, in the output of a notebook's cell.
+
+        names: of "controls", "relative_pose", "convergence", "margins", "robot" and "failure"; none: all that say
+        something. Returns matplotlib's Figure of one name, else a tuple of them; for print, save one with
+        `figure.savefig("robot.pdf")`, or `dpi=300`.
+        Errors: `CallError` for another name.
+        """
+        return VIEWS["plot"](self, names)
+
+    def animate(self, samples: int = 101, height: int = 640) -> Any:
+        """A player of the motion, in a frame of its own in the output of a notebook's cell.
+
+        samples: of the motion, at most; the player goes smoothly between them, and fewer make a smaller notebook.
+        height: of the frame [pixels]. `nhpocp.write_animation` writes the page to a file.
+        Errors: `InvalidProblemError` for a solution without a path, or numbers that are none.
+        """
+        counts = whole_number(samples, "animate.samples", 2), whole_number(height, "animate.height", 1)
+        return VIEWS["animate"](self, *counts)
+
+    def to_dataframe(self) -> Any:
+        """The trajectory as a pandas DataFrame, a row per sample with the columns of trajectory.csv: t, state, ….
+
+        Errors: `MissingDependencyError` where pandas is not installed.
+        """
+        return VIEWS["data_frame"](self)
 
     def judged(self, verdict: Verdict, verify_seconds: float = 0.0) -> Solution:
         """This solution with a verdict; a claim that it refutes changes the outcome."""
@@ -163,6 +208,7 @@ class Progress(Protocol):
 
     ``tolerance``; ``phase``, what the solver is at, in words; ``at_most``: calls until a limit ends this search;
     ``expected``: those until the goal, where theory foretells them, else None; ``way``: which of several tries this is;
+    ``cost`` and ``worst_bound`` (words), once the goal is reached and more is asked for, of the control before;
     ``stage``: what is done besides solving (then k and error are None). `compare` adds ``name``, ``variant``, ``run``
     and ``runs``. Entries that take work, such as ``sigma_jacobian``, are worked out when they are looked at.
     """

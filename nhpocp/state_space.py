@@ -15,13 +15,13 @@ from typing import Any, ClassVar, Literal, get_args
 from nhpocp import so3
 from nhpocp.arrays import Array, namespace, norm
 from nhpocp.constructed import Constructed
-from nhpocp.declared import degrees_hint, whole_number
+from nhpocp.declared import Degrees, degrees_hint, whole_number
 from nhpocp.errors import InvalidProblemError, describe, expect
 from nhpocp.frozen import Frozen
 
 Kind = Literal["vector", "scalar", "rotation", "direction", "matrix"]
 Unit = Literal["length", "angle", ""]
-deg = pi / 180  # in radians, the unit of every angle in Python: `30 * deg` is a file's `30 deg`
+deg = Degrees(pi / 180)  # in radians, the unit of every angle in Python: `30 * deg` is a file's `30 deg`
 UNIT_WORDS = {"length": "[length]", "angle": "[rad]", "": ""}
 
 

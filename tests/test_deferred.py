@@ -42,8 +42,8 @@ def test_a_solve_integrates_its_motion_only_for_those_who_look(monkeypatch):
     from nhpocp.solvers.continuation.step_rules import Adaptive
     from tests.conftest import paper_problem
 
-    called, own = [], simulation._path
-    monkeypatch.setattr(simulation, "_path", lambda *given: called.append(1) or own(*given))
+    called, own = [], simulation.settled_path
+    monkeypatch.setattr(simulation, "settled_path", lambda *given: called.append(1) or own(*given))
     solution = Continuation(step_rule=Adaptive()).solve(paper_problem())
     assert solution.costs["effort"] == pytest.approx(solution.control.effort)
     assert not called

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
@@ -11,6 +13,7 @@ from nhpocp.flow.compiled.kernels import Interpreted
 from nhpocp.foreseen import contradiction, endless
 from nhpocp.horizon import Horizon
 from nhpocp.outcome import Outcome
+from nhpocp.pace import too_far
 from nhpocp.problem import PlanningProblem
 from nhpocp.problem_file.building import build_solver
 from nhpocp.solvers.nlp.guesses import Guess, ProblemGuess, make_guess
@@ -104,3 +107,53 @@ def test_a_free_horizon_ends_within_its_bounds(solver):
         solution = nhpocp.solve(problem, build_solver("nlp", {"intervals": 4, "plugin": solver}))
         assert solution.converged, solution.message
         assert 1e-9 <= solution.control.horizon <= 3.0
+
+
+# --- legs that are too far apart for their speeds ---------------------------------------------------------------------
+
+
+def hurried(limit, horizon=1.0, **changes):
+    bounds = [Bound("leg_speed", "u", -limit, limit)]
+    return paper_problem(bounds=bounds, horizon=Horizon.of(horizon), **changes)
+
+
+@pytest.fixture(scope="module")
+def unhurried():
+    return nhpocp.solve(paper_problem(), nhpocp.Continuation(step_rule=nhpocp.Adaptive()))
+
+
+def test_no_motion_that_exists_is_called_too_far(unhurried):
+    """A limit that a verified motion keeps is never refused, at whatever pace and with via poses on the way."""
+    fastest = float(np.abs(unhurried.trajectory["u"]).max())
+    place, k = unhurried.trajectory["position"], 100
+    turn = unhurried.trajectory["orientation"]
+    via = {"at": 0.5, "position": place[k].tolist(), "orientation": {"matrix": turn[k].tolist()}}
+    for pace in (0.01, 0.5, 1.0, 7.0, 1e4):
+        for given in ([], [via]):
+            problem = hurried(fastest / pace, pace, via=given)
+            assert too_far(problem, pace, 1e-3) == ""
+
+
+@pytest.mark.parametrize("horizon", [0.02, 1.0, 300.0])
+def test_what_the_legs_cannot_travel_in_time_is_proved(horizon, unhurried):
+    lengths = unhurried.trajectory["leg_lengths"]
+    travel = float(np.abs(lengths[-1] - lengths[0]).max())
+    least = travel / horizon
+    assert too_far(hurried(1.01 * least, horizon), horizon, 1e-3) == ""
+    words = too_far(hurried(0.98 * least, horizon), horizon, 1e-3)
+    assert words.startswith(
+        "leg_speed and horizon exclude each other, whatever the motion: leg_lengths[0] becomes"
+    )
+    assert float(re.search(r"horizon: ([\d.e+-]+)", words)[1]) == pytest.approx(horizon / 0.98, rel=0.01)
+    assert too_far(hurried(0.98 * least, horizon), None, 1e-3) == ""  # with no limit on the horizon
+
+
+@pytest.mark.parametrize("solver", SOLVERS, ids=lambda solver: solver.name)
+def test_the_horizon_that_a_hopeless_speed_is_answered_with_is_enough(solver):
+    with pytest.warns(nhpocp.NhpocpWarning, match="exclude each other"):
+        solution = nhpocp.solve(hurried(5.0), solver)
+    assert (solution.outcome, solution.evaluations) == (Outcome.INFEASIBLE, 0)
+    horizon = float(
+        re.search(r"A motion that keeps leg_speed was found for horizon: (\S+)\.", solution.message)[1]
+    )
+    assert nhpocp.solve(hurried(5.0, horizon), SOLVERS[1]).converged

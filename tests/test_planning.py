@@ -41,7 +41,7 @@ def test_a_refused_task_stands_still_for_a_duration_that_its_horizon_allows(solv
 
 
 def test_bounds_on_speeds_are_no_matter_of_the_ends():
-    bounds = [Bound("leg_speed", "u", -1e-3, 1e-3), Bound("control", "v", -1e-3, 1e-3)]
+    bounds = [Bound("leg_speed", "u", -18.0, 18.0), Bound("control", "v", -1e-3, 1e-3)]
     short = Continuation(step_rule=Euler(1.0), max_iterations=40)  # no control keeps them; why search long
     solution = planning.solve(paper_problem(bounds=bounds), short)
     assert solution.outcome is Outcome.CONSTRAINT_VIOLATED

@@ -83,6 +83,10 @@ class EndPointAnalysis:
     spectrum: Spectrum
     agility: Ellipsoid
 
+    def __repr__(self) -> str:
+        rows, columns = self.jacobian.shape
+        return f"<EndPointAnalysis: Jacobian {rows} × {columns}, rank {self.spectrum.rank}>"
+
     @property
     def condition(self) -> float:
         """Largest over least singular value; infinite where the rank is not full."""

@@ -15,7 +15,9 @@ from nhpocp.analysis.verdict import Controllability, Reserve, verdict
 from nhpocp.arrays import Array
 from nhpocp.controls.control import Control
 from nhpocp.errors import InvalidProblemError
+from nhpocp.plain_text import brief
 from nhpocp.problem import PlanningProblem
+from nhpocp.shown import Shown
 from nhpocp.solution import Crossing
 from nhpocp.solvers.nlp.guesses import NoGuessError, ProblemGuess
 from nhpocp.systems.mobility import Mobility, mobility
@@ -43,6 +45,9 @@ class PointAnalysis:
     margins: Mapping[str, float]  # sigma_*, det_*
     note: str = ""
 
+    def __repr__(self) -> str:
+        return f"<PointAnalysis: growth vector {self.growth.vector}, margins {brief(self.margins)}>"
+
     def to_json(self, problem: PlanningProblem) -> dict[str, Any]:
         return {
             "state": describe_state(problem.system.state_space, self.state),
@@ -65,6 +70,10 @@ class PathAnalysis:
     margins: Mapping[str, Array]  # sigma_*, det_*, (k,)
     crossings: tuple[Crossing, ...]
     crossing_states: Array  # (crossings, size)
+
+    def __repr__(self) -> str:
+        crossed = f", {len(self.crossings)} crossings" if self.crossings else ""
+        return f"<PathAnalysis to t = {self.times[-1]:.4g}: growth vector {self.generic.vector}{crossed}>"
 
     @property
     def irregular(self) -> list[int]:
@@ -97,7 +106,7 @@ class PathAnalysis:
 
 
 @dataclass(frozen=True)
-class Analysis:
+class Analysis(Shown):
     """Everything that `analyze` found out, as its `to_json()` says in plain data.
 
     problem, tolerance: what was asked. filtration: growth vectors at the start, at a goal that is a state, then along
@@ -116,6 +125,10 @@ class Analysis:
     map: SingularityMap | None = None
     mobility: Mobility | None = None  # of a parallel robot at the start
     notes: Sequence[str] = field(default=())
+
+    def __repr__(self) -> str:
+        system, growth = self.problem.system, self.filtration.generic.vector
+        return f"<Analysis of {brief(self.problem.name)}: {system.model}, {self.controllability.kind}, growth {growth}>"
 
     def to_json(self) -> dict[str, Any]:
         """Plain data; numbers may be infinite or NaN."""

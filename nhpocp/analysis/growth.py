@@ -47,6 +47,9 @@ class Growth:
     strong: int = 0
     basis: tuple[str, ...] = ()  # fields that span as far as it goes
 
+    def __repr__(self) -> str:
+        return f"<Growth {self.vector} of {self.dimension} dimensions>"
+
     @property
     def vector(self) -> tuple[int, ...]:
         """(dim Δ¹, dim Δ², …)."""
@@ -101,6 +104,9 @@ class Filtration:
     settled: bool
     drifting: bool
     refused: str | None = None  # brackets that were too large to be made
+
+    def __repr__(self) -> str:
+        return f"<Filtration at {len(self.points)} states, generic {self.generic.vector}>"
 
     @property
     def full(self) -> bool:

@@ -124,6 +124,10 @@ class SingularityMap:
     margins: Mapping[str, Array]
     touching: Mapping[str, Array]
 
+    def __repr__(self) -> str:
+        names = ", ".join(f"det {name.upper()}" for name in self.determinants)
+        return f"<SingularityMap of {names} over {self.first.name} and {self.second.name}, through {self.at}>"
+
     @property
     def signed(self) -> dict[str, Array]:
         return {

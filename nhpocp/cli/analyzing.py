@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,12 +11,10 @@ import click
 from nhpocp.cli.exit_status import SOLVED
 from nhpocp.cli.options import json_option, load, set_option
 from nhpocp.cli.terminal import put, say, tell
-from nhpocp.systems.margins import det, margin
 
 if TYPE_CHECKING:
     from nhpocp.analysis import Analysis
-    from nhpocp.analysis.analysis import PathAnalysis, PointAnalysis
-    from nhpocp.analysis.slices import SingularityMap, Span
+    from nhpocp.analysis.slices import Span
     from nhpocp.state_space import StateSpace
 
 
@@ -130,134 +126,12 @@ def _number(text: str) -> float:
 
 def lines(analysis: Analysis) -> list[str]:
     """An analysis in a few lines."""
-    system = analysis.problem.system
-    space, inputs = system.state_space, system.input_space.size
-    told = [
-        f"{analysis.problem.name} ({system.model}, {space.dimension} dimensions, {inputs} inputs): "
-        f"{analysis.controllability.kind}",
-        f"  {analysis.controllability.sentence}",
-    ]
-    told += [_row("" if i else "mobility", words) for i, words in enumerate(_mobility_words(analysis))]
-    told += [_row(name, _point_words(point)) for name, point in analysis.points.items()]
-    if analysis.path:
-        told += _path_lines(analysis.path)
-    if analysis.end_point:
-        rows, columns = analysis.end_point.jacobian.shape
-        spectrum, agility = analysis.end_point.spectrum, analysis.end_point.agility
-        told.append(
-            _row(
-                "end point",
-                f"Jacobian {rows} × {columns}, rank {spectrum.rank}, singular values {_span(spectrum.values)}, "
-                f"condition {analysis.end_point.condition:.3g}",
-            )
-        )
-        told.append(
-            _row(
-                "agility",
-                f"semi-axes {_span(agility.semi_axes)}, slowest along {agility.words(len(agility.labels) - 1)}; "
-                f"dexterity √det D = {agility.volume:.3g}",
-            )
-        )
-    if analysis.map:
-        told.append(_row("map", _map_words(analysis.map)))
-    return told + [f"  note: {note}" for note in analysis.notes]
+    from nhpocp.views.analysis_words import rows, size
 
-
-def _mobility_words(analysis: Analysis) -> list[str]:
-    """What the legs leave, and how much of it manoeuvres reach."""
-    if not analysis.mobility:
-        return []
-    reached = analysis.filtration.generic.rank
+    problem, said = analysis.problem, analysis.controllability
     return [
-        *analysis.mobility.describe(),
-        f"manoeuvres reach {reached} dimensions of the {analysis.mobility.reachable}",
+        f"{problem.name} ({size(problem.system)}): {said.kind}",
+        f"  {said.sentence}",
+        *(f"  {name.ljust(11)}{words}" for name, words in rows(analysis)),
+        *(f"  note: {note}" for note in analysis.notes),
     ]
-
-
-def _row(name: str, words: str) -> str:
-    return f"  {name.ljust(11)}{words}"
-
-
-def _span(values: Sequence[float]) -> str:
-    return f"{values[0]:.3g} … {values[-1]:.3g}"
-
-
-def _point_words(point: PointAnalysis) -> str:
-    growth = point.growth
-    words = [f"growth vector {_vector(growth.vector)}" if growth.spectra else "the fields are not finite"]
-    if growth.degree:
-        words.append(f"degree of non-holonomy {growth.degree}")
-    if growth.spectra:
-        words.append(f"least σ/σ₁ {growth.weakest:.3g}")
-        if growth.spectra[-1].doubtful:
-            words.append("a doubtful rank: see the singular values in analysis.json")
-    for name, value in point.margins.items():
-        known = margin(name)
-        if known and known.kind == "sigma":
-            signed = point.margins[det(known.matrix).name]
-            sign = "> 0" if signed > 0 else "< 0" if signed < 0 else "= 0" if signed == 0 else "unknown"
-            words.append(f"σ_min({known.letter}) {value:.3g}, det {sign}")
-    return "; ".join(words) + (f" ({point.note})" if point.note else "")
-
-
-def _vector(vector: Sequence[int]) -> str:
-    return f"({', '.join(map(str, vector))})"
-
-
-def _path_lines(path: PathAnalysis) -> list[str]:
-    weakest = path.weakest
-    words = f"growth vector {_vector(path.generic.vector)}"
-    times: dict[str, list[str]] = {}
-    for i in path.irregular:
-        times.setdefault(
-            _vector(path.growth[i].vector) if path.growth[i].spectra else "not finite", []
-        ).append(f"{path.times[i]:.4g}")
-    others = []
-    for vector, met in times.items():
-        others.append(f"{vector} at t = {_few(met, 4)}")
-    words += f", but {'; '.join(others)}" if others else ""
-    if not times:
-        words += (
-            f" throughout; least σ/σ₁ {path.bracket_margin[weakest]:.3g} at t = {path.times[weakest]:.4g}"
-        )
-    told = [_row("guess", words)]
-    least = []
-    for name, values in path.margins.items():
-        known = margin(name)
-        if known and known.kind == "sigma" and not all(math.isnan(value) for value in values):
-            place = min(range(len(values)), key=lambda i: math.inf if math.isnan(values[i]) else values[i])
-            least.append(f"least σ_min({known.letter}) {values[place]:.3g} at t = {path.times[place]:.4g}")
-    if least:
-        told.append(_row("", "; ".join(least)))
-    if path.crossings:
-        met = [f"det {c.letter} at t = {c.time:.4g}" for c in path.crossings]
-        told.append(_row("", f"changes of sign: {_few(met, 8)}"))
-    return told
-
-
-def _few(words: Sequence[str], most: int) -> str:
-    more = f" and {len(words) - most} more" if len(words) > most else ""
-    return f"{', '.join(words[:most])}{more}"
-
-
-def _map_words(surfaces: SingularityMap) -> str:
-    def limits(name: str, ends: Sequence[float]) -> str:
-        angle = {c.name: c.unit == "angle" for c in (surfaces.first, surfaces.second)}[name]
-        low, high = (math.degrees(end) if angle else end for end in ends)
-        return f"{name} {low:.4g} … {high:.4g}{'°' if angle else ''}"
-
-    data = surfaces.to_json()
-    words = [limits(name, ends) for name, ends in data["coordinates"].items()]
-    told = []
-    for name, surface in data["matrices"].items():
-        verb = (
-            "changes its sign"
-            if surface["changes_sign"]
-            else "touches zero"
-            if surface["touches_zero"]
-            else f"keeps its sign (least σ_min {surface['least_sigma']:.3g})"
-            if surface["least_sigma"] is not None
-            else "is not finite"
-        )
-        told.append(f"det {name.upper()} {verb}")
-    return f"{', '.join(words)}, through {surfaces.at}: {'; '.join(told)}"

@@ -11,13 +11,18 @@ from nhpocp.cli.options import json_option, set_option
 from nhpocp.cli.terminal import error_data, put, say, tell, verdict_lines
 from nhpocp.errors import InvalidProblemError
 
+MOST = 100  # mistakes of one file that are printed
+
 
 @click.command()
 @click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="FILE...")
 @set_option
 @json_option
 def check(files: tuple[Path, ...], overrides: tuple[str, ...], as_json: bool) -> int:
-    """Validate problem files; solve nothing."""
+    """Validate problem files; solve nothing.
+
+    Prints every mistake of a file with its line and column, not only the first.
+    """
     from nhpocp.problem_file import read
 
     checked, failures = [], []
@@ -26,7 +31,8 @@ def check(files: tuple[Path, ...], overrides: tuple[str, ...], as_json: bool) ->
             document = read(file, overrides)
         except InvalidProblemError as error:
             failures.append(error)
-            checked.append({"file": str(file), "ok": False, **error_data(error)})
+            each = [error_data(one)["error"] for one in error.each[:MOST]]
+            checked.append({"file": str(file), "ok": False, **error_data(error), "errors": each})
             continue
         checked.append(
             {"file": str(file), "ok": True, "warnings": document.warnings, "problem": document.filled()}
@@ -36,7 +42,10 @@ def check(files: tuple[Path, ...], overrides: tuple[str, ...], as_json: bool) ->
         if not as_json:
             tell(f"{file}: ok")
     for failure in failures:
-        say(str(failure))
+        for mistake in failure.each[:MOST]:
+            say(str(mistake))
+        if len(failure.each) > MOST:
+            say(f"{failure.file}: and {len(failure.each) - MOST} more")
     if as_json:
         if failures:
             put({**error_data(failures[0]), "files": checked})

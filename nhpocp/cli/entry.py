@@ -17,10 +17,11 @@ from typing import Any
 
 import click
 
+from nhpocp import plugins
 from nhpocp.cli.exit_status import BAD_INPUT, MISSING_PART, NOT_SOLVED, SOLVED
 from nhpocp.cli.terminal import abandon, error_data, open_streams, put, say
 from nhpocp.cli.verbs import cli
-from nhpocp.errors import MissingDependencyError, NhpocpError
+from nhpocp.errors import MissingDependencyError, NhpocpError, NhpocpWarning
 
 BY_HAND = "stopped by hand; no solution was written"
 
@@ -46,7 +47,7 @@ def status(arguments: Sequence[str]) -> int:
     """Runs a verb; its exit status."""
     as_json, debug = "--json" in arguments, "--debug" in arguments
     try:
-        with _stopped_alike():
+        with _stopped_alike(), _warnings_said():
             returned = cli.main(args=list(arguments), prog_name="nhpocp", standalone_mode=False)
         sys.stdout.flush()
     except click.ClickException as error:
@@ -78,7 +79,28 @@ def status(arguments: Sequence[str]) -> int:
         message = error.strerror or str(error)
         say(f"{place}: {message}" if place else message)
         return _answer(as_json, error_data(error, file=place, message=message), BAD_INPUT)
+    except Exception as error:
+        if debug or not (fault := plugins.fault(error)):
+            raise
+        say(fault)
+        return _answer(as_json, error_data(error, message=fault), BAD_INPUT)
     return returned if isinstance(returned, int) else SOLVED
+
+
+@contextmanager
+def _warnings_said() -> Iterator[None]:
+    """What nhpocp warns of is a sentence for people, without the line of code that it came from."""
+    shown = warnings.showwarning
+
+    def show(message: Warning | str, category: type[Warning], *place: Any, **more: Any) -> None:
+        if issubclass(category, NhpocpWarning):
+            say(f"warning: {message}")
+        else:
+            shown(message, category, *place, **more)
+
+    with warnings.catch_warnings():
+        warnings.showwarning = show
+        yield
 
 
 @contextmanager

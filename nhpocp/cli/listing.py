@@ -17,11 +17,8 @@ from nhpocp.cli.terminal import put, say, tell
 def systems(as_json: bool) -> int:
     """List the models: states, inputs, parameters, presets."""
     from nhpocp.problem_file import systems as listing
-    from nhpocp.problem_file.registry import every_class
 
     models = listing()
-    for complaint in every_class()[1]:
-        say(complaint)
     if as_json:
         put(models)
         return SOLVED

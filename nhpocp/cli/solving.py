@@ -13,7 +13,8 @@ from nhpocp.cli.exit_status import NOT_SOLVED, SOLVED
 from nhpocp.cli.options import json_option, load, set_option
 from nhpocp.cli.progress import progress
 from nhpocp.cli.summary import comparison_lines, report, task
-from nhpocp.cli.terminal import put, say, visible
+from nhpocp.cli.terminal import put, say
+from nhpocp.plain_text import visible
 from nhpocp.solvers.registry import SOLVERS
 
 if TYPE_CHECKING:
@@ -46,7 +47,7 @@ def solve(
         from nhpocp import planning
 
         with progress(as_json, f"{problem.name} by {solver}") as show:
-            solution = planning.solve(problem, problem.solvers[solver], show)
+            solution = planning.solve(problem, planning.own_solver(problem, solver), show)
             interruption.patient = True
             if show and problem.pictures:
                 show(DRAWING)

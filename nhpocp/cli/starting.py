@@ -27,7 +27,7 @@ SCHEMA = "nhpocp.schema.json"
 def schema(output: Path | None, as_json: bool) -> int:
     """Print the JSON schema of problem files.
 
-    For editors; the same with and without --json. It knows the systems that are installed.
+    For editors; the same with and without --json. It knows what other packages add.
     """
     from nhpocp.problem_file import json_schema
 

@@ -41,6 +41,16 @@ def report(solution: Solution, folder: Path, task: str = "") -> None:
     parts = [effort, f"{solution.evaluations} evaluations", *_times(solution)]
     tell(f"  {', '.join(parts)}")
     tell(f"  written: {folder}")
+    if words := _undrawn(solution, folder):
+        tell(f"  {words}")
+
+
+def _undrawn(solution: Solution, folder: Path) -> str:
+    """That the pictures of a run that was stopped are still to be drawn, and how; else empty."""
+    if solution.outcome.value != "interrupted" or not solution.problem.pictures:
+        return ""
+    drawn = folder.is_dir() and any(name.endswith((".svg", ".png")) for name in os.listdir(folder))
+    return "" if drawn else f"no pictures were drawn; `nhpocp plot {shlex.quote(str(folder))}` draws them"
 
 
 def comparison_lines(comparison: Comparison, files: Sequence[Path], tasks: Mapping[str, str]) -> None:
@@ -141,6 +151,8 @@ def _report_table(solution: Solution, folder: Path, task: str) -> None:
     table.add_row("written", _written(folder))
     drawn.print(table)
     _next(drawn, next_commands(solution, folder, task))
+    if words := _undrawn(solution, folder):
+        drawn.print(words, soft_wrap=True)
 
 
 def _written(folder: Path) -> str:

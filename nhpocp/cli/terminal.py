@@ -6,20 +6,18 @@ import errno
 import io
 import json
 import os
-import re
 import sys
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from nhpocp.plain_text import CONTROLS, visible
+
 if TYPE_CHECKING:
     from rich.console import Console
 
     from nhpocp.solution import Verdict
-
-# all but tab and newline; then what turns the direction of writing round, and other ends of lines
-_CONTROLS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069]")
 
 
 def open_streams() -> None:
@@ -58,11 +56,6 @@ def tell(text: str) -> None:
     click.echo(visible(text))
 
 
-def visible(text: str) -> str:
-    """A text with its control sequences spelt out: read from a file they would be the file's to command with."""
-    return _CONTROLS.sub(lambda match: ascii(match[0])[1:-1], text)
-
-
 def console(*, error: bool = False) -> Console:
     """rich's, on standard output or on standard ``error``; every text on it is `visible`, wherever it stands."""
     from rich.console import Console
@@ -87,7 +80,7 @@ def put(data: Any) -> None:
     except UnicodeEncodeError:
         text = json.dumps(data, indent=1, allow_nan=False)
     # JSON itself spells out but some of them
-    spelt = _CONTROLS.sub(lambda match: f"\\u{ord(match[0]):04x}", text)
+    spelt = CONTROLS.sub(lambda match: f"\\u{ord(match[0]):04x}", text)
     _write_whole(spelt + "\n")
 
 

@@ -29,6 +29,7 @@ class Bound(ByValue, Frozen):
     label: as a problem file calls it, such as "leg_length" or "state.position"; reports show it. quantity: a name of
     the trajectory, such as "leg_lengths" or "u". lower, upper: numbers in the quantity's unit ([length], [rad], a rate
     per [time]), or arrays (components,); infinite where a side is open. scale, coordinate: filled in by a problem.
+    degrees: whether messages give its numbers, angles in [rad], in degrees.
     Errors: `InvalidProblemError`, by the problem, for a quantity that it does not have, or limits of another shape.
     """
 
@@ -40,6 +41,11 @@ class Bound(ByValue, Frozen):
     # a problem fills these in: the quantity's scale, and whether it is part of the state, whose zero lies anywhere
     scale: float = field(default=1.0, compare=False)
     coordinate: bool = field(default=False, compare=False)
+    degrees: bool = field(default=False, compare=False)
+
+    def figure(self, value: float, form: str = "g") -> str:
+        """A number of the quantity in words."""
+        return f"{np.degrees(value):{form}} deg" if self.degrees else f"{value:{form}}"
 
     @property
     def margin(self) -> Margin | None:
@@ -65,7 +71,8 @@ class Bound(ByValue, Frozen):
             return ""
         place = tuple(crossed[0])
         component = f" in component {', '.join(str(i + 1) for i in place)}" if place else ""
-        return f"lower bound {lower[place]:g} is above upper bound {upper[place]:g}{component}"
+        low, high = self.figure(lower[place]), self.figure(upper[place])
+        return f"lower bound {low} is above upper bound {high}{component}"
 
     def excess(self, values: Array) -> Array:
         """How far values (k, …) stand outside, same shape; 0 inside."""
@@ -197,15 +204,25 @@ class BoundReport:
         """The bound and its component, as in leg_length[1]."""
         return self.bound.label + "".join(f"[{i}]" for i in self.component)
 
+    def __repr__(self) -> str:
+        place = f"nearest {self.value:.4g} at t = {self.time:.4g}"
+        return (
+            f"<BoundReport {self.name} is kept, {place}>" if self.ok else f"<BoundReport {self.describe()}>"
+        )
+
     def describe(self) -> str:
-        return f"{self.name} is {self.value:.4g} at t={self.time:.4g}, {self.limit_words()}"
+        return f"{self.name} is {self.value_words()} at t={self.time:.4g}, {self.limit_words()}"
+
+    def value_words(self) -> str:
+        return self.bound.figure(self.value, ".4g")
 
     def limit_words(self) -> str:
         """Which limits the value should have kept: "outside [20, 60]", "below 0.05"."""
-        low, high = self.bound.limits(self.component)
-        if np.isfinite(low) and np.isfinite(high):
-            return f"outside [{low:g}, {high:g}]"
-        return f"below {low:g}" if np.isfinite(low) else f"above {high:g}"
+        limits = self.bound.limits(self.component)
+        low, high = (self.bound.figure(limit) for limit in limits)
+        if np.isfinite(limits).all():
+            return f"outside [{low}, {high}]"
+        return f"below {low}" if np.isfinite(limits[0]) else f"above {high}"
 
 
 def check_bounds(

@@ -19,6 +19,7 @@ class Clearance(ConstraintKind):
     meaning = "least singular value of S and W, rotation columns divided by length_scale"
     shape = "number"
     example = 0.01
+    side = "min"
 
     def lacking(self, system: System) -> str:
         regular = type(system).regularity is System.regularity

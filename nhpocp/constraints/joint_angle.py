@@ -19,7 +19,7 @@ class JointAngle(ConstraintKind):
 
     key = "joint_angle"
     meaning = (
-        "[lo, hi] by the name of an angle of every leg: theta1, theta2 (base), theta3, theta4 (platform)"
+        "[lo, hi] of each leg's theta1, theta2 (base), theta3, theta4 (platform); 80 deg is a number, too"
     )
     shape = "pairs by name"
     example: ClassVar[Any] = {"theta4": (-1.5, 1.5)}

@@ -15,18 +15,21 @@ from nhpocp.systems.system import System
 # what may stand behind the key: a number ≥ 0; [lo, hi], null for an open side; a number or one pair per input;
 # pairs, or lists of both sides, by name
 Shape = Literal["number", "pair", "number or pairs", "pairs by name"]
+Side = Literal["min", "max"]
 
 
 class ConstraintKind(ABC):
     """A key, what it means, and how its value becomes bounds and is made of them again.
 
-    Labels of its bounds are the key, or begin with it and a dot. example: what `nhpocp init` shows.
+    Labels of its bounds are the key, or begin with it and a dot. example: what `nhpocp init` shows. side: the one that
+    a single number is, which {max: …} or {min: …} says as well.
     """
 
     key: ClassVar[str]
     meaning: ClassVar[str]
     shape: ClassVar[Shape]
     example: ClassVar[Any] = None
+    side: ClassVar[Side] = "max"
 
     def lacking(self, system: System) -> str:
         """What a system lacks for which the key makes no sense, in words; empty where it does."""

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from nhpocp.constraints.bound import Bound
 from nhpocp.constraints.kind import ConstraintKind
-from nhpocp.constraints.written import as_written
+from nhpocp.constraints.written import as_written, in_degrees
 from nhpocp.errors import InvalidProblemError, refuse
-from nhpocp.family import Family
+from nhpocp.family import Family, Group
 from nhpocp.systems.system import System
 
 KINDS: Family[ConstraintKind] = Family(
@@ -22,6 +23,9 @@ KINDS: Family[ConstraintKind] = Family(
         "state": "nhpocp.constraints.state:StateBox",
     },
     made=lambda cls: cls(),
+    group=Group(
+        "nhpocp.constraints", "nhpocp.constraints.kind:ConstraintKind", "key", "a constraint", ("given",)
+    ),
 )
 
 
@@ -39,7 +43,7 @@ def bounds_of(given: Mapping[str, Any], system: System) -> list[Bound]:
             continue
         kind = KINDS[key]
         try:
-            value = as_written(value, kind.shape)
+            value = as_written(value, kind.shape, kind.side)
         except InvalidProblemError as error:
             wrong.append(error.under(path))
             continue
@@ -48,9 +52,15 @@ def bounds_of(given: Mapping[str, Any], system: System) -> list[Bound]:
         elif words := kind.misfit(value, system):
             wrong.append(InvalidProblemError(words, path=path))
         else:
-            bounds += kind.bounds(value, system)
+            bounds += [_as_said(bound, value) for bound in kind.bounds(value, system)]
     refuse(wrong)
     return bounds
+
+
+def _as_said(bound: Bound, value: Any) -> Bound:
+    """A bound that is told in degrees if its part of a kind's value was written so."""
+    own = value.get(bound.label.partition(".")[2], value) if isinstance(value, dict) else value
+    return replace(bound, degrees=True) if in_degrees(own) else bound
 
 
 def block_of(bounds: Sequence[Bound], system: System) -> dict[str, Any]:

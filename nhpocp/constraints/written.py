@@ -5,28 +5,29 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from nhpocp.constraints.kind import Shape
-from nhpocp.declared import real
+from nhpocp.constraints.kind import Shape, Side
+from nhpocp.declared import Degrees, real
 from nhpocp.errors import InvalidProblemError, describe
 
 PAIR = "[lo, hi], or {min: …, max: …} with one or both"
 
 
-def as_written(value: Any, shape: Shape) -> Any:
+def as_written(value: Any, shape: Shape, side: Side = "max") -> Any:
     """A value of a kind's shape as plain lists and numbers, None for an open side.
 
-    Tuples and arrays are lists, {"max": 3} is [None, 3], an infinite side an open one.
+    Tuples and arrays are lists, {"max": 3} is [None, 3], an infinite side an open one. side: which one a single number
+    of the kind is, so that {"max": 3} is 3.
     Errors: `InvalidProblemError`, its path inside the value.
     """
     value = _plain(value)
     if shape == "number":
-        return _size(value)
+        return _size(value, side)
     if shape == "pair":
         return _pair(value)
     if shape == "number or pairs":
         if isinstance(value, list):
             return [_inside(pair, f"[{i}]", _pair) for i, pair in enumerate(value)]
-        return _size(value)
+        return _size(value, side)
     if not isinstance(value, dict):
         raise InvalidProblemError(f"expected {PAIR} by name, got {describe(value)}")
     return {name: _inside(pair, str(name), _sides) for name, pair in value.items()}
@@ -47,7 +48,19 @@ def _inside(value: Any, path: str, read: Any) -> Any:
         raise error.under(path) from None
 
 
-def _size(value: Any) -> float:
+def in_degrees(value: Any) -> bool:
+    """Whether any number in a value was written in degrees."""
+    if isinstance(value, dict | list):
+        return any(map(in_degrees, value.values() if isinstance(value, dict) else value))
+    return isinstance(value, Degrees)
+
+
+def _size(value: Any, side: Side) -> float:
+    if isinstance(value, dict):
+        if set(value) != {side}:
+            other = "".join(f" {name}" for name in value if name != side)
+            raise InvalidProblemError(f"expected a number, or {{{side}: …}}; got{other or ' no side'}")
+        value = value[side]
     number = real(value, None, "a number >= 0")
     if number < 0:
         raise InvalidProblemError(f"{number:g} is negative; expected a number >= 0")

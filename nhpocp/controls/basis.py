@@ -83,7 +83,7 @@ class ControlBasis(Constructed):
         Errors: `InvalidProblemError`, or what NumPy raises, for data that are none.
         """
         coefficients = np.asarray(data["coefficients"], dtype=float)
-        basis = cls(**{name: int(data[name]) for name in declarations(cls)})
+        basis = cls(**{name: data[name] for name in declarations(cls)})
         if not len(coefficients):  # no inputs: a list of no rows does not say how long they are
             coefficients = coefficients.reshape(0, basis.size)
         if coefficients.shape[1:] != (basis.size,):

@@ -57,6 +57,11 @@ class Control(ByValue, Constructed):
         """du/dt at times (k,) → (k, inputs); a jump has none."""
         return self.basis.derivative_table(np.atleast_1d(times), self.horizon, side) @ self.coefficients.T
 
+    def __repr__(self) -> str:
+        inputs, functions = self.coefficients.shape
+        table = f"{inputs} × {functions} coefficients"
+        return f"<Control over {self.basis!r}: {table}, horizon {self.horizon:g}, effort {self.effort:.6g}>"
+
     @property
     def effort(self) -> float:
         """∫₀ᵀ |u|² dt, exactly, from the Gram matrix."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from nhpocp.controls.basis import ControlBasis
-from nhpocp.family import Family
+from nhpocp.family import Family, Group
 
 BASES: Family[type[ControlBasis]] = Family(
     {
@@ -12,5 +12,6 @@ BASES: Family[type[ControlBasis]] = Family(
         "chebyshev": "nhpocp.controls.chebyshev:Chebyshev",
         "bspline": "nhpocp.controls.bspline:BSpline",
         "piecewise_constant": "nhpocp.controls.piecewise_constant:PiecewiseConstant",
-    }
+    },
+    group=Group("nhpocp.bases", "nhpocp.controls.basis:ControlBasis", "kind", "a basis", ("sequence",)),
 )

@@ -31,6 +31,9 @@ class Motion:
     trajectory: Mapping[str, Array]
     costs: Mapping[str, float]
 
+    def __repr__(self) -> str:
+        return f"<Motion: costs {self.costs!r}, trajectory {self.trajectory!r}>"
+
 
 def simulate(problem: PlanningProblem, control: Control) -> Motion:
     """The motion under a control, at ``problem.samples`` equidistant times; NaN from where it cannot be integrated.

@@ -5,13 +5,20 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from nhpocp.family import Family
+from nhpocp.family import Family, Group
 from nhpocp.objectives.objective import Objective
 from nhpocp.systems.system import System
 
 if TYPE_CHECKING:
     from nhpocp.controls.control import Control
 
+# a cost stands beside these in the settings, among a solver's reference values, and in solution.json
+RESERVED = (
+    "none", "horizon", "iterations", "evaluations", "tolerance", "source",
+    "schema_version", "name", "solver", "system", "settings", "outcome", "converged", "message", "warnings",
+    "final_error", "verified", "objective", "control", "trajectory", "crossings", "length_scale", "constraints",
+    "details", "timing", "environment", "checksum", "folder",
+)  # fmt: skip
 OBJECTIVES: Family[Objective] = Family(
     {
         "effort": "nhpocp.objectives.effort:Effort",
@@ -21,6 +28,9 @@ OBJECTIVES: Family[Objective] = Family(
         "time": "nhpocp.objectives.duration:Duration",
     },
     made=lambda cls: cls(),
+    group=Group(
+        "nhpocp.objectives", "nhpocp.objectives.objective:Objective", "name", "an objective", RESERVED
+    ),
 )
 
 

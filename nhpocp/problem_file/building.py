@@ -10,7 +10,8 @@ from pydantic import ValidationError
 from nhpocp.constraints.registry import bounds_of
 from nhpocp.controls.control import Control
 from nhpocp.controls.registry import BASES
-from nhpocp.errors import InvalidProblemError, MissingDependencyError, refuse, suggestion
+from nhpocp.errors import InvalidProblemError, MissingDependencyError, refuse
+from nhpocp.family import reason
 from nhpocp.horizon import Horizon
 from nhpocp.objectives.registry import OBJECTIVES, available, costs_of_motion
 from nhpocp.problem import PlanningProblem
@@ -18,7 +19,7 @@ from nhpocp.problem_file.messages import translate
 from nhpocp.problem_file.schema import FreeHorizon, ProblemData
 from nhpocp.problem_file.settings import BLOCKS
 from nhpocp.problem_file.states import Strict, plain_state
-from nhpocp.solvers.registry import SOLVERS
+from nhpocp.solvers.registry import SOLVERS, made_solver
 from nhpocp.solvers.settings import KERNELS
 from nhpocp.systems.system import System
 from nhpocp.via import Via
@@ -94,9 +95,9 @@ def control_from_json(data: Mapping[str, Any]) -> Control:
 
     try:
         kind = data["basis"]
-        if kind not in (known := [*BASES, SequenceBasis.kind]):
+        if kind not in [*BASES, SequenceBasis.kind]:
             raise InvalidProblemError(
-                f"unknown basis {kind!r}; {suggestion(str(kind), known)}", path="control.basis"
+                f"unknown basis {kind!r}; {BASES.unknown(str(kind))}", path="control.basis"
             )
         cls = SequenceBasis if kind == SequenceBasis.kind else BASES[kind]
         basis, coefficients = cls.from_json(data)
@@ -116,7 +117,12 @@ def build_solvers(data: ProblemData) -> dict[str, Solver]:
     kernels = KERNELS[data.solvers.compile]()
     solvers: dict[str, Solver] = {}
     for name in SOLVERS:
-        solvers[name] = build_solver(name, getattr(data.solvers, name), solvers, kernels)
+        try:
+            solvers[name] = build_solver(name, getattr(data.solvers, name), solvers, kernels)
+        except Exception as error:
+            if name in SOLVERS.lines or name in data.solvers.model_fields_set:
+                raise
+            SOLVERS.complain(SOLVERS.plugins()[name][0], f"fails: {reason(error)}")  # and harms no other
     return solvers
 
 
@@ -133,7 +139,7 @@ def build_solver(
     if name not in SOLVERS:
         raise InvalidProblemError(f"unknown solver {name!r}; available: {', '.join(SOLVERS)}", path="solvers")
     block = data if isinstance(data, Strict) else _validated(name, BLOCKS[name], data or {})
-    return SOLVERS[name](**block.model_dump()).solver(kernels, others or {})
+    return made_solver(name, SOLVERS[name](**block.model_dump()), kernels, others or {})
 
 
 def _validated(name: str, model: type[Any], data: Any) -> Any:

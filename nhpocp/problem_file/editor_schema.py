@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from nhpocp.problem_file.numbers import NUMBER_SCHEMA
-from nhpocp.problem_file.registry import every_class, system_model
+from nhpocp.problem_file.registry import SYSTEMS, system_model
 from nhpocp.problem_file.schema import ProblemData
 from nhpocp.solvers.registry import SOLVERS
 from nhpocp.state_space import UNIT_WORDS, Block, StateSpace
@@ -27,7 +27,7 @@ def json_schema() -> dict[str, Any]:
     """JSON schema (draft 7) of the problem file, with a description of every key, and defaults."""
     schema = ProblemData.model_json_schema(ref_template=REFERENCE)
     definitions = schema.pop("$defs", {})
-    classes = every_class()[0]
+    classes = dict(SYSTEMS)
     for model in classes:
         block = system_model(model).model_json_schema(ref_template=REFERENCE)
         definitions.update(block.pop("$defs", {}))

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 from pydantic_core import CoreSchema, core_schema
 
-from nhpocp.declared import LARGEST_COUNT
+from nhpocp.declared import LARGEST_COUNT, Degrees
 from nhpocp.errors import describe
 
 _DECIMAL = r"(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)"
@@ -68,7 +68,7 @@ def parse_number(value: Any) -> float:
 
 def _from_text(text: str) -> float:
     if parts := _DEGREES.fullmatch(text):
-        return float(parts["degrees"]) * pi / 180
+        return Degrees(float(parts["degrees"]) * pi / 180)
     if parts := _PI.fullmatch(text):
         divisor = float(parts["divisor"] or 1)
         if divisor == 0:

@@ -20,6 +20,7 @@ from nhpocp.problem import PlanningProblem
 from nhpocp.problem_file import document as documents
 from nhpocp.problem_file.building import assembled, build_solvers, via_order
 from nhpocp.problem_file.document import Document
+from nhpocp.problem_file.homes import homes
 from nhpocp.problem_file.messages import translate
 from nhpocp.problem_file.overrides import apply, within
 from nhpocp.problem_file.registry import SYSTEMS, read_system
@@ -82,17 +83,17 @@ class Place:
 
     def error(self, errors: Iterable[InvalidProblemError]) -> InvalidProblemError:
         """The first error in the order of the file, mistakes in --set before it; says how many more there are."""
-        unique = list({(error.path, error.plain): error for error in errors}.values())
-        first = min(unique, key=self._order)
-        more = f" (and {len(unique) - 1} more)" if len(unique) > 1 else ""
-        path = first.path or ""
-        if by := self._override(path):
-            return InvalidProblemError(f"{first.message} (given by --set {by}){more}", path=path)
-        mark = self.document.locate(path, first.at_key)
+        unique = {(error.path, error.plain): error for error in errors}.values()
+        first, *others = map(self._placed, sorted(unique, key=self._order))
+        return first.changed(others=tuple(others), counted=bool(others))
+
+    def _placed(self, error: InvalidProblemError) -> InvalidProblemError:
+        alone = error.changed(others=(), counted=False)
+        if by := self._override(error.path or ""):
+            return alone.changed(note=f" (given by --set {by})")
+        mark = self.document.locate(error.path or "", error.at_key)
         line, column = (mark.line, mark.column) if mark else (None, None)
-        return InvalidProblemError(
-            first.message + more, path=path or None, file=self.file, line=line, column=column
-        )
+        return alone.changed(path=error.path or None, file=self.file, line=line, column=column)
 
     def _override(self, path: str) -> str | None:
         """The override that a path stands in, or that made the mapping where the path is missing."""
@@ -126,7 +127,7 @@ def read_text(text: str, file: str | None = None, overrides: Sequence[str] = ())
 def build(file: ProblemFile) -> PlanningProblem:
     """The problem of a file, with its solvers."""
     try:
-        if file.system.model not in SYSTEMS:
+        if file.system.model not in SYSTEMS.lines:
             try_out(file.system, file.problem.start_point)
         return file.problem.with_(solvers=build_solvers(file.data)).read_from(file.text)
     except InvalidProblemError as error:
@@ -158,7 +159,11 @@ def _read(text: str, file: str | None, path: FilePath | None, overrides: Sequenc
     place = Place(file, document, overridden)
     shown = document.text if overrides else text
     try:
-        data, system = _validated(document.data)
+        try:
+            data, system = _validated(document.data)
+        except InvalidProblemError as error:
+            refuse([*(wrong := [error, *error.others]), *_beyond(document.data, wrong)])
+            raise
         if data.name is None:
             data = data.model_copy(update={"name": _stem(path)})
             shown = _named(shown, _stem(path), "name" in document.data)
@@ -206,8 +211,35 @@ def _validated(raw: dict[str, Any]) -> tuple[ProblemData, System]:
         data = ProblemData.model_validate({**raw, "system": {}} if "system" in raw else raw)
     except ValidationError as error:
         wrong += translate(error, ProblemData)
+    for each in wrong:
+        if each.word is not None:
+            each.elsewhere = [path for path in homes(each.word, raw, system) if path != each.path]
     refuse(wrong)  # among them a system that is missing
     return data.model_copy(update={"system": block}), system
+
+
+def _beyond(raw: dict[str, Any], wrong: Sequence[InvalidProblemError]) -> list[InvalidProblemError]:
+    """What does not fit together in the blocks of a file whose keys, names and numbers are right.
+
+    The others are left out, or nothing is said where there is no problem without them. Kinds of constraints and
+    settings of solvers stand each by itself.
+    """
+    kept: dict[str, Any] = {"nhpocp": 1}
+    blocks = {tuple(re.split(r"[.[]", error.path or "")[:2]) for error in wrong}
+    bad = {first for first, *_ in blocks}
+    for name, block in raw.items():
+        if name not in bad:
+            kept[name] = block
+        elif name in ("constraints", "solvers") and isinstance(block, dict):
+            kept[name] = {key: value for key, value in block.items() if (name, key) not in blocks}
+    if not {"system", "start", "goal"} <= set(kept):
+        return []
+    try:
+        data, system = _validated(kept)
+        _assembled(data, system)
+    except InvalidProblemError as error:
+        return [error, *error.others]
+    return []
 
 
 def _assembled(data: ProblemData, system: System) -> PlanningProblem:
@@ -220,7 +252,7 @@ def _assembled(data: ProblemData, system: System) -> PlanningProblem:
             each.path = _as_written(each.path or "", order)
         raise
     except Exception as error:
-        if system.model in SYSTEMS:
+        if system.model in SYSTEMS.lines:
             raise
         raise _failing(system, error) from error
 

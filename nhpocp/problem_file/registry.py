@@ -5,45 +5,47 @@ Classes are imported when they are asked for, and import neither CasADi nor NumP
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Mapping, Sequence
-from typing import Any, Literal, cast
+from typing import Any, Literal
 
 from pydantic import Field, StrictBool, ValidationError, create_model
 
-from nhpocp.errors import InvalidProblemError, describe, refuse, suggestion
-from nhpocp.problem_file import plugins
+from nhpocp.errors import CallError, InvalidProblemError, describe, one_line, refuse
+from nhpocp.family import Family, Group
 from nhpocp.problem_file.messages import translate
 from nhpocp.problem_file.numbers import Length, Number, Positive, Whole
 from nhpocp.problem_file.states import Strict, Vector3
 from nhpocp.state_space import Block
 from nhpocp.systems.system import Parameter, System
 
-SYSTEMS: dict[str, str] = {
-    "three_upu": "nhpocp.systems.three_upu:ThreeUPU",
-    "parallel_robot": "nhpocp.systems.parallel_robot:ParallelRobot",
-    "orienting_platform": "nhpocp.systems.orienting_platform:OrientingPlatform",
-    "heisenberg": "nhpocp.systems.heisenberg:Heisenberg",
-    "free_nilpotent_36": "nhpocp.systems.free_nilpotent_36:FreeNilpotent36",
-    "unicycle": "nhpocp.systems.unicycle:Unicycle",
-    "veselova_joint": "nhpocp.systems.veselova_joint:VeselovaJoint",
-    "suslov_joint": "nhpocp.systems.suslov_joint:SuslovJoint",
-    "rolling_sphere": "nhpocp.systems.rolling_sphere:RollingSphere",
-    "chained": "nhpocp.systems.chained:Chained",
-    "engel": "nhpocp.systems.cartan:Engel",
-    "cartan": "nhpocp.systems.cartan:Cartan",
-    "double_integrator": "nhpocp.systems.double_integrator:DoubleIntegrator",
-    "car": "nhpocp.systems.car:Car",
-    "car_with_trailers": "nhpocp.systems.car_with_trailers:CarWithTrailers",
-    "truck_with_trailers": "nhpocp.systems.truck_with_trailers:TruckWithTrailers",
-    "sphere_on_sphere": "nhpocp.systems.sphere_on_sphere:SphereOnSphere",
-    "nonholonomic_manipulator": "nhpocp.systems.nonholonomic_manipulator:NonholonomicManipulator",
-    "passive_sphere": "nhpocp.systems.passive_sphere:PassiveSphere",
-    "friction_drive_wrist": "nhpocp.systems.friction_drive_wrist:FrictionDriveWrist",
-    "trident_snake": "nhpocp.systems.trident_snake:TridentSnake",
-    "mobile_manipulator": "nhpocp.systems.mobile_manipulator:MobileManipulator",
-    "rigid_body": "nhpocp.systems.rigid_body:RigidBody",
-}
+SYSTEMS: Family[type[System]] = Family(
+    {
+        "three_upu": "nhpocp.systems.three_upu:ThreeUPU",
+        "parallel_robot": "nhpocp.systems.parallel_robot:ParallelRobot",
+        "orienting_platform": "nhpocp.systems.orienting_platform:OrientingPlatform",
+        "heisenberg": "nhpocp.systems.heisenberg:Heisenberg",
+        "free_nilpotent_36": "nhpocp.systems.free_nilpotent_36:FreeNilpotent36",
+        "unicycle": "nhpocp.systems.unicycle:Unicycle",
+        "veselova_joint": "nhpocp.systems.veselova_joint:VeselovaJoint",
+        "suslov_joint": "nhpocp.systems.suslov_joint:SuslovJoint",
+        "rolling_sphere": "nhpocp.systems.rolling_sphere:RollingSphere",
+        "chained": "nhpocp.systems.chained:Chained",
+        "engel": "nhpocp.systems.cartan:Engel",
+        "cartan": "nhpocp.systems.cartan:Cartan",
+        "double_integrator": "nhpocp.systems.double_integrator:DoubleIntegrator",
+        "car": "nhpocp.systems.car:Car",
+        "car_with_trailers": "nhpocp.systems.car_with_trailers:CarWithTrailers",
+        "truck_with_trailers": "nhpocp.systems.truck_with_trailers:TruckWithTrailers",
+        "sphere_on_sphere": "nhpocp.systems.sphere_on_sphere:SphereOnSphere",
+        "nonholonomic_manipulator": "nhpocp.systems.nonholonomic_manipulator:NonholonomicManipulator",
+        "passive_sphere": "nhpocp.systems.passive_sphere:PassiveSphere",
+        "friction_drive_wrist": "nhpocp.systems.friction_drive_wrist:FrictionDriveWrist",
+        "trident_snake": "nhpocp.systems.trident_snake:TridentSnake",
+        "mobile_manipulator": "nhpocp.systems.mobile_manipulator:MobileManipulator",
+        "rigid_body": "nhpocp.systems.rigid_body:RigidBody",
+    },
+    group=Group("nhpocp.systems", "nhpocp.systems.system:System", "model", "a system"),
+)
 
 
 def system_class(model: str) -> type[System]:
@@ -51,32 +53,12 @@ def system_class(model: str) -> type[System]:
 
     Errors: `InvalidProblemError` at system.model for an unknown one, or a plugin that is broken.
     """
-    if model in SYSTEMS:
-        module, _, name = SYSTEMS[model].partition(":")
-        return cast("type[System]", getattr(importlib.import_module(module), name))
-    others = plugins.installed()
-    if model not in others:
-        near = suggestion(model, [*SYSTEMS, *others])
-        own = f"a system of your own is found by an entry point of the group {plugins.GROUP}"
-        hint = near if near.startswith("did you mean") else f"{near}; {own}"
-        raise InvalidProblemError(f"unknown model {model!r}; {hint}", path="system.model")
-    return plugins.load(others[model])
-
-
-def every_class() -> tuple[dict[str, type[System]], list[str]]:
-    """The class of every model that works, the registry's first, and what is wrong with the plugins that do not."""
-    classes, broken = {model: system_class(model) for model in SYSTEMS}, []
-    for model, points in plugins.installed().items():
-        if model in SYSTEMS:
-            broken.append(f"{plugins.origin(points[0])} is never used: {model} is a model of nhpocp itself")
-            continue
-        try:
-            cls = plugins.load(points)
-            plugins.made(cls, plugins.origin(points[0]))
-            classes[model] = cls
-        except InvalidProblemError as error:
-            broken.append(error.message)
-    return classes, broken
+    if model not in SYSTEMS:
+        raise InvalidProblemError(f"unknown model {model!r}; {SYSTEMS.unknown(model)}", path="system.model")
+    try:
+        return SYSTEMS[model]
+    except InvalidProblemError as error:
+        raise error.under("system.model") from None
 
 
 def _fields(owner: str, declared: Mapping[str, Parameter]) -> dict[str, Any]:
@@ -161,13 +143,22 @@ def _build(model: str, block: Mapping[str, Any]) -> System:
             raise InvalidProblemError(words, path=f"system.{beside[0]}", at_key=True)
         parameters = {other: value for other, value in parameters.items() if other not in replaced}
     try:
-        if model not in SYSTEMS:
-            return plugins.made(cls, f"the plugin {cls.__module__}:{cls.__qualname__}", **parameters)
         return cls(**parameters)
+    except CallError as error:
+        raise _failing(cls, error.message) from error
     except InvalidProblemError as error:
         if error.path in (None, "system"):
             error.path = "system.legs" if "legs" in given else "system"
         raise
+    except Exception as error:
+        if model in SYSTEMS.lines:
+            raise
+        raise _failing(cls, one_line(error)) from error
+
+
+def _failing(cls: type[System], reason: str) -> InvalidProblemError:
+    words = f"the plugin {cls.__module__}:{cls.__qualname__} fails: {reason}"
+    return InvalidProblemError(words, path="system.model")
 
 
 def describe_space(blocks: Sequence[Block]) -> list[dict[str, Any]]:
@@ -181,10 +172,10 @@ def describe_space(blocks: Sequence[Block]) -> list[dict[str, Any]]:
 def systems() -> dict[str, dict[str, Any]]:
     """Every model: parameters with defaults and meanings, presets, names of states and inputs. Plain JSON data.
 
-    Plugins that are broken are left out; `every_class` says what is wrong with them.
+    Plugins that are broken are left out; `SYSTEMS.faults()` says what is wrong with them.
     """
     described = {}
-    for model, cls in every_class()[0].items():
+    for model, cls in SYSTEMS.items():
         instance = cls()
         described[model] = {
             "parameters": {

@@ -11,6 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from math import degrees
 from typing import Any
 
+from pydantic import TypeAdapter
 from pydantic.fields import FieldInfo
 
 from nhpocp.constraints.registry import KINDS
@@ -20,7 +21,7 @@ from nhpocp.problem_file.registry import system_class
 from nhpocp.problem_file.schema import Output, ProblemData
 from nhpocp.problem_file.settings import BLOCKS as BLOCKS_OF_SOLVERS
 from nhpocp.problem_file.settings import Solvers
-from nhpocp.problem_file.states import Strict
+from nhpocp.problem_file.states import State, Strict, plain_state
 from nhpocp.solvers.registry import SOLVERS
 from nhpocp.state_space import UNIT_WORDS, Block, StateSpace
 from nhpocp.systems.system import Parameter, System
@@ -63,6 +64,12 @@ def starter(model: str = "three_upu", schema: str = "nhpocp.schema.json") -> str
         *_options(Output, list(Output.model_fields), "  "),
     ]
     return "\n".join(lines) + "\n"
+
+
+def example_start(system: System) -> dict[str, Any]:
+    """The start of the task that `nhpocp init` shows for a system, as numbers."""
+    written = system.example.get("start") or _made_up(system.state_space)["start"]
+    return plain_state(TypeAdapter(State).validate_python(written))
 
 
 def _made_up(space: StateSpace) -> dict[str, Any]:
@@ -184,7 +191,10 @@ def _control(system: System, given: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _constraints(system: System, start: Mapping[str, Any]) -> Iterator[str]:
-    yield _line("constraints:", "what the whole path must respect; examples, no defaults")
+    words = (
+        "what the whole path must respect, within 1e-3 of each limit; {max: 3} or [null, 3] bounds one side"
+    )
+    yield _line("constraints:", words)
     for key, kind in KINDS.items():
         if (value := kind.shown(system, start)) is not None:
             yield _option(key, value, kind.meaning, "  ")

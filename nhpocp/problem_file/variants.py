@@ -36,6 +36,8 @@ def variant(problem: PlanningProblem, label: str) -> tuple[PlanningProblem, Any]
 
     Errors: `InvalidProblemError` naming the variant, for keys and values that a problem file would refuse.
     """
+    from nhpocp.planning import own_solver  # and CasADi
+
     name, changes = overrides(label)
     if changes or name not in problem.solvers:
         try:
@@ -44,5 +46,5 @@ def variant(problem: PlanningProblem, label: str) -> tuple[PlanningProblem, Any]
             words = re.sub(r" \(given by --set [^)]*\)", "", error.message)
             message = f"{words} (given by --variant {label})"
             raise InvalidProblemError(message, path=error.path) from None
-        return changed, changed.solvers[name]
+        return changed, own_solver(changed, name)
     return problem, problem.solvers[name]

@@ -154,8 +154,9 @@ class _Comparison:
                 there = solution.settings.get(key), plain(own.get(key))
                 yield from _apart(f"settings.{key}", *there, "problem.yaml says")
         wanted = own.get("objective", solution.problem.objective)
-        # "none" was once written where nothing was tried
-        if solution.iterations or solution.objective != "none":
+        # "none" is written by methods that lower no cost, and was once where nothing was tried
+        lowers_one = "objective" in own and solution.iterations
+        if lowers_one or solution.objective != "none":
             yield from _apart("objective", solution.objective, wanted, "problem.yaml says")
 
     def _own_settings(self) -> Mapping[str, Any] | None:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from nhpocp.csv_writer import write_table
+from nhpocp.errors import MissingDependencyError
 from nhpocp.solution import Solution
 
 # what a reader looks for first; further keys follow in the order in which the records name them
@@ -30,6 +31,19 @@ def trajectory_table(solution: Solution) -> tuple[list[str], np.ndarray]:
         names += [name + "".join(f"[{i}]" for i in index) for index in np.ndindex(*shape)]
         columns.append(table)
     return names, np.hstack(columns)
+
+
+def data_frame(solution: Solution) -> Any:
+    """That table as a pandas DataFrame. Errors: `MissingDependencyError` without pandas."""
+    try:
+        import pandas
+    except ImportError as error:
+        words = "a data frame needs pandas, which is not installed here; it comes with "
+        raise MissingDependencyError(
+            f'{words}pip install "nhpocp[notebook]", or pip install pandas'
+        ) from error
+    names, columns = trajectory_table(solution)
+    return pandas.DataFrame(columns, columns=names)
 
 
 def write_iterations(solution: Solution, file: Path) -> None:

@@ -13,6 +13,8 @@ from nhpocp.constructed import add_to_manual
 from nhpocp.declared import real
 from nhpocp.errors import CallError, InvalidProblemError, describe, expect, suggestion
 from nhpocp.frozen import Frozen, as_value
+from nhpocp.plain_text import as_call
+from nhpocp.shown import Shown
 from nhpocp.state_space import UNIT_WORDS, Block, StateSpace, Unit, check_distinct
 from nhpocp.systems.margins import margin
 
@@ -108,7 +110,7 @@ def _blocks(system: System, space: str) -> Sequence[Block]:
     return getattr(getattr(system, space, None), "blocks", ())
 
 
-class System(Frozen):
+class System(Frozen, Shown):
     r"""A control system  ẋ = f(x) + G(x) u  on a `StateSpace`, driftless where f = 0.
 
     x is a packed point, u a packed input; G(x) has one row per tangent number (rotations: angular velocity in base
@@ -192,6 +194,11 @@ class System(Frozen):
                 )
             values[name] = vars(self)[name]
         return type(self)(**values)
+
+    def __repr__(self) -> str:
+        values = self.parameters().items()
+        known = {name: parameter.default for name, parameter in self.declared.items()}
+        return as_call(type(self).__name__, [(name, value, known.get(name, ...)) for name, value in values])
 
     def parameters(self) -> dict[str, Any]:
         """Every parameter as plain JSON data; ``type(self)(**self.parameters())`` is the same system."""

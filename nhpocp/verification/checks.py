@@ -339,7 +339,8 @@ class _Check:
             return []
         reports = check_bounds(self.problem.bounds, self.samples.times, self.trajectory)
         self.reasons.extend(
-            f"{report.describe()} by {report.worst:.3g}, more than the {report.allowed:.3g} allowed"
+            f"{report.describe()} by {report.bound.figure(report.worst, '.3g')}, more than the "
+            f"{report.bound.figure(report.allowed, '.3g')} allowed"
             for report in reports
             if not report.ok
         )

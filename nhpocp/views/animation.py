@@ -74,14 +74,14 @@ def check_motions(entries: Sequence[Entry]) -> None:
         )
 
 
-def render(entries: Sequence[Entry]) -> str:
-    """The page as text."""
+def render(entries: Sequence[Entry], samples: int | None = None) -> str:
+    """The page as text; ``samples``: of each motion at most, unless as many as a page of this size has room for."""
     check_motions(entries)
     names = report_words.titles(entries)
     problems = list(dict.fromkeys(entry.solution.problem.name for entry in entries))
     if len(problems) > 1:
         names = [f"{e.solution.problem.name}, {name}" for e, name in zip(entries, names, strict=True)]
-    most = max(LEAST, SAMPLES // len(entries))
+    most = samples or max(LEAST, SAMPLES // len(entries))
     runs = [run(entry.solution, name, most) for entry, name in zip(entries, names, strict=True)]
     horizon = max(path_of(entry.solution).times[-1] for entry in entries)
     data = {"horizon": float(horizon), "runs": runs}

@@ -14,6 +14,7 @@ import numpy as np
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from nhpocp.arrays import Array
+from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Solution
 from nhpocp.systems.system import System
 from nhpocp.views.finite_path import FinitePath, path_of, quantity
@@ -54,12 +55,9 @@ def states_of(solution: Solution, path: FinitePath) -> Array:
     return np.hstack([quantity(solution, name, path) for name in names])
 
 
-def goal_pose(solution: Solution) -> Pose | None:
+def goal_pose(problem: PlanningProblem) -> Pose | None:
     """The wanted pose, where the goal fixes the whole state."""
-    system, problem = solution.problem.system, solution.problem
-    if set(problem.goal) != set(system.state_space.names):
-        return None
-    return Pose("goal", system.drawing(problem.goal_point))
+    return Pose("goal", problem.system.drawing(problem.goal_point)) if problem.goal_is_a_pose else None
 
 
 def path_points(solution: Solution, path: FinitePath) -> Array:

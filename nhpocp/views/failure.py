@@ -23,7 +23,17 @@ from nhpocp.views.finite_path import path_of
 from nhpocp.views.labels import axis_label, notation, symbol
 from nhpocp.views.panels import SPREAD, Curve, Panel, logarithmic, of_group, of_quantity, panels
 from nhpocp.views.records import accepted, column, positive
-from nhpocp.views.style import ALARM, COLOURS, COMPACT, PANEL, legend_above, line_style, say, trial_style
+from nhpocp.views.style import (
+    ALARM,
+    COLOURS,
+    COMPACT,
+    PANEL,
+    Picture,
+    legend_above,
+    line_style,
+    say,
+    trial_style,
+)
 
 HEIGHT, NARROW = 4.4, 4.6  # inches: of the whole picture; its width where there are no records to show
 LEAST = 1e-8  # of the largest singular value: what is less is drawn there
@@ -38,7 +48,7 @@ def failure(solution: Solution) -> Figure:
     """The records on the left, if there are any; the last path, or its two ends alone, on the right."""
     columns = [plots for plots in (_of_records(solution), _of_path(solution)) if plots]
     size = (2 * PANEL[0], HEIGHT) if len(columns) > 1 else (NARROW, PANEL[1] + 0.4)
-    figure = Figure(figsize=size, layout=ConstrainedLayoutEngine(w_pad=0.06, h_pad=0.05))
+    figure = Picture(figsize=size, layout=ConstrainedLayoutEngine(w_pad=0.06, h_pad=0.05))
     grid = figure.add_gridspec(1, len(columns))
     for i, rows in enumerate(columns):
         cells = grid[0, i].subgridspec(len(rows), 1)

@@ -14,19 +14,23 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from nhpocp.arrays import Array
 from nhpocp.outcome import Outcome
+from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Solution
+from nhpocp.systems.system import System
 from nhpocp.views import drawing, plots
 from nhpocp.views import failure as failures
+from nhpocp.views.drawing import Pose
 from nhpocp.views.finite_path import path_of, quantity
 from nhpocp.views.panels import Panel, crossing_words, margins_of, merged, of_group, panels
 from nhpocp.views.records import error_history
-from nhpocp.views.style import COLOURS, GREY, PANEL, axes_grid, line_style, say, sheet, styled
+from nhpocp.views.style import COLOURS, GREY, PANEL, Picture, axes_grid, line_style, say, sheet, styled
 from nhpocp.whole import write_files
 
 
 def _only_words(words: str) -> Figure:
-    figure = Figure(figsize=PANEL)
+    figure = Picture(figsize=PANEL)
     figure.text(0.5, 0.5, textwrap.fill(words, 44), ha="center", va="center", fontsize=9, color=GREY)
     return figure
 
@@ -82,20 +86,9 @@ def robot(solution: Solution) -> Figure:
     poses = drawing.poses_of(solution)
     if not poses[0].drawing["lines"]:
         return _bare_path(solution)
-    path = path_of(solution)
-    points, goal = drawing.path_points(solution, path), drawing.goal_pose(solution)
-    shown = [pose.drawing for pose in poses] + ([goal.drawing] if goal else [])
-    low, high = drawing.extent(*shown, points=points)
-    names, count = drawing.axis_names(solution.problem.system, len(low)), len(poses)
-    figure = Figure(figsize=(max(count, 1.5) * 2.35, 2.75))
-    for i, pose in enumerate(poses):
-        box = (i / count, 0.12, 0.96 / count, 0.82)  # room for the name of the z axis
-        axes = drawing.add_view(figure, box, low, high, names, zoom=0.84)
-        if goal:
-            drawing.plot_robot(axes, goal.drawing, ghost=True)
-        drawing.plot_robot(axes, pose.drawing)
-        drawing.plot_path(axes, points)
-        figure.text((i + 0.5) / count, 0.955, pose.words, ha="center", va="center")
+    path, problem = path_of(solution), solution.problem
+    points, goal = drawing.path_points(solution, path), drawing.goal_pose(problem)
+    figure = mechanism(problem.system, poses, goal, points)
     entries = drawing.legend_entries(poses[0].drawing)
     entries += [("path", {"color": COLOURS[6], "linewidth": 1.1})] if len(points) else []
     entries += [("goal", {"color": "0.45", "linewidth": 0.7, "linestyle": (0, (4, 2))})] if goal else []
@@ -105,12 +98,42 @@ def robot(solution: Solution) -> Figure:
     return figure
 
 
+def mechanism(system: System, poses: Sequence[Pose], goal: Pose | None, points: Array) -> Figure:
+    """Poses of a mechanism side by side, with the dashed goal and the path (samples, 3 or 2) where there are any."""
+    shown = [pose.drawing for pose in poses] + ([goal.drawing] if goal else [])
+    low, high = drawing.extent(*shown, points=points)
+    names, count = drawing.axis_names(system, len(low)), len(poses)
+    figure = Picture(figsize=(max(count, 1.5) * 2.35, 2.75))
+    for i, pose in enumerate(poses):
+        box = (i / count, 0.12, 0.96 / count, 0.82)  # room for the name of the z axis
+        axes = drawing.add_view(figure, box, low, high, names, zoom=0.84)
+        if goal:
+            drawing.plot_robot(axes, goal.drawing, ghost=True)
+        drawing.plot_robot(axes, pose.drawing)
+        drawing.plot_path(axes, points)
+        figure.text((i + 0.5) / count, 0.955, pose.words, ha="center", va="center")
+    return figure
+
+
+def task(problem: PlanningProblem) -> Figure | None:
+    """The mechanism at its start and the goal dashed; nothing for a system that draws nothing."""
+    start = Pose("start", problem.system.drawing(problem.start_point))
+    goal = drawing.goal_pose(problem)
+    return standing(problem.system, start, goal) if start.drawing["lines"] else None
+
+
+def standing(system: System, pose: Pose, goal: Pose | None = None) -> Figure:
+    """A mechanism in one pose."""
+    with sheet():
+        return mechanism(system, [pose], goal, np.empty((0, drawing.dimension(pose.drawing))))
+
+
 def _bare_path(solution: Solution) -> Figure:
     """The first numbers of the state against each other, or the tips of the body's axes of a rotation."""
     path, states = path_of(solution), of_group(panels(solution), "state")
     if not path.samples:
         return _only_words(path.words or "There is no path to draw.")
-    figure = Figure(figsize=(PANEL[0], PANEL[0]))
+    figure = Picture(figsize=(PANEL[0], PANEL[0]))
     if states:
         curves = merged(states).curves[:3]
         shown = np.column_stack([curve.values for curve in curves])

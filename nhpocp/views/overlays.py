@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Container, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from nhpocp.views.finite_path import FinitePath, path_of
 from nhpocp.views.labels import axis_label
 from nhpocp.views.panels import Panel, merged, of_group, panels
 from nhpocp.views.records import column, decays, error_history, positive
-from nhpocp.views.style import axes_grid, line_style, sheet
+from nhpocp.views.style import Picture, axes_grid, line_style, sheet
 
 WIDTH, HEIGHT = 7.2, 1.75  # inches: a page's text, and a row of panels
 FLAT = 1e-9  # height over width, from which a path in space is shown from above
@@ -50,8 +51,13 @@ class _Motion:
         return {**line_style(self.number), "linewidth": 1.2}
 
 
-def overlays(entries: Sequence[Entry], names: Sequence[str]) -> list[Overlay]:
-    """Every picture that these runs have in common, in the order of a report; none where nothing was tried."""
+def overlays(
+    entries: Sequence[Entry], names: Sequence[str], wanted: Container[str] | None = None
+) -> list[Overlay]:
+    """Every picture that these runs have in common, in the order of a report; none where nothing was tried.
+
+    ``wanted``: names of those to make, all unless said.
+    """
     motions = []
     for i, (entry, name) in enumerate(zip(entries, names, strict=True)):
         if entry.tried and (path := path_of(entry.solution)).samples:
@@ -59,15 +65,18 @@ def overlays(entries: Sequence[Entry], names: Sequence[str]) -> list[Overlay]:
     if not motions:
         return []
     turned = any(block.kind == "rotation" for block in motions[0].solution.problem.system.state_space.blocks)
+    over_time = partial(_over_time, motions)
+    relative = RELATIVE + ROTATIONS * turned
+    makers: dict[str, Callable[[], Overlay | None]] = {
+        "controls": lambda: over_time("controls", "Controls", CONTROLS, "control"),
+        "legs": lambda: over_time("legs", "Legs", LEGS, "leg", 0),
+        "relative_pose": lambda: over_time("relative_pose", "Relative pose", relative, "error"),
+        "path": lambda: _path(motions) or _plain_path(motions),
+        "margins": lambda: over_time("margins", "Singularity margins", MARGINS, "margin", 2),
+        "convergence": lambda: _convergence(motions),
+    }
     with sheet():
-        every = [
-            _over_time(motions, "controls", "Controls", CONTROLS, "control"),
-            _over_time(motions, "legs", "Legs", LEGS, "leg", 0),
-            _over_time(motions, "relative_pose", "Relative pose", RELATIVE + ROTATIONS * turned, "error"),
-            _path(motions) or _plain_path(motions),
-            _over_time(motions, "margins", "Singularity margins", MARGINS, "margin", 2),
-            _convergence(motions),
-        ]
+        every = [make() for name, make in makers.items() if wanted is None or name in wanted]
     return [overlay for overlay in every if overlay is not None]
 
 
@@ -141,10 +150,10 @@ def _path(motions: Sequence[_Motion]) -> Overlay | None:
     paths = [drawing.path_points(motion.solution, motion.path) for motion in motions]
     if not any(len(points) for points in paths):
         return None
-    pose, goal = drawing.poses_of(first)[0], drawing.goal_pose(first)
+    pose, goal = drawing.poses_of(first)[0], drawing.goal_pose(first.problem)
     every = np.concatenate(paths)
     names = drawing.axis_names(first.problem.system, every.shape[1])
-    figure = Figure(figsize=(WIDTH, 3.6))
+    figure = Picture(figsize=(WIDTH, 3.6))
     views = [(pose, "start, goal (dashed) and paths")] if pose.drawing["lines"] else []
     count = len(views) + 1
     for i, (shown, words) in enumerate([*views, (None, "the paths alone")]):
@@ -183,7 +192,7 @@ def _plain_path(motions: Sequence[_Motion]) -> Overlay | None:
     if len(names) < 2:
         return None
     curves = [np.column_stack([curve.values for curve in own]) for own in shown]
-    figure = Figure(figsize=(WIDTH, 3.4))
+    figure = Picture(figsize=(WIDTH, 3.4))
     drawing.plot_curves(figure, curves, names, [motion.look for motion in motions])
     _legend(figure, motions, "upper left")
     caption = Markup(

@@ -202,29 +202,35 @@ def introduction(source: str | None) -> list[str]:
 
 
 def facts(group: Group) -> list[tuple[str, Markup]]:
-    """The problem term by term."""
-    problem, horizon = group.problem, group.problem.horizon
+    """The problem term by term, and how it is measured."""
+    problem = group.problem
+    error = Markup(
+        "norm of the differences from the goal at <i>T</i>; a length of {} counts as much as one radian"
+    )
+    terms = [
+        *task(problem, _beginnings(group)),
+        ("Error E", error.format(_vector(problem.error_length))),
+        ("Length scale", given(problem.scale)),
+    ]
+    return terms + ([("Reference values", _reference(problem))] if problem.reference else [])
+
+
+def task(problem: PlanningProblem, beginnings: Markup | None = None) -> list[tuple[str, Markup]]:
+    """What is asked, term by term; ``beginnings``: the controls to begin with, unless it is the problem's own."""
+    horizon = problem.horizon
     parameters = problem.system.parameters().items()
     stated = ", ".join(f"{key} = {_parameter(value)}" for key, value in parameters if value is not None)
     span = Markup("free in [{}, {}]").format(given(horizon.minimum), given(horizon.maximum))
-    terms = [
+    return [
         ("System", Markup("{}: {}").format(problem.system.model, stated or "no parameters")),
         ("Start", _pose(problem, problem.start)),
         ("Goal", _pose(problem, problem.goal)),
         *((f"Via pose at {via.share:g} T", _pose(problem, via.goal)) for via in problem.via),
         ("Horizon T", span if horizon.free else given(horizon.fixed)),
-        ("Control to begin with", _beginnings(group)),
+        ("Control to begin with", beginnings or _initial(problem)),
         ("Objective", Markup("{}, {}").format(problem.objective.replace("_", " "), cost_symbol(problem))),
         ("Constraints on the path", _bounds(problem)),
-        (
-            "Error E",
-            Markup(
-                "norm of the differences from the goal at <i>T</i>; a length of {} counts as much as one radian"
-            ).format(_vector(problem.error_length)),
-        ),
-        ("Length scale", given(problem.scale)),
     ]
-    return terms + ([("Reference values", _reference(problem))] if problem.reference else [])
 
 
 def controls(group: Group) -> dict[Markup, list[int]]:

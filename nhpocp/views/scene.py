@@ -44,7 +44,7 @@ def drawn(system: System, state: Array) -> Mapping[str, Any]:
 
 def ends_of(solution: Solution) -> dict[str, Mapping[str, Any]]:
     """The drawings of the start and, where it fixes the whole state, of the goal."""
-    problem, goal = solution.problem, drawing.goal_pose(solution)
+    problem, goal = solution.problem, drawing.goal_pose(solution.problem)
     ends = {"start": drawn(problem.system, problem.start_point)}
     return ends | ({"goal": drawn(problem.system, problem.goal_point)} if goal else {})
 

@@ -24,7 +24,8 @@ import pytest
 
 from nhpocp import planning
 from nhpocp.cli.entry import cli
-from nhpocp.cli.progress import Panel, duration, progress, sparkline
+from nhpocp.cli.progress import TerminalPanel as Panel
+from nhpocp.cli.progress import progress
 from nhpocp.cli.summary import comparison_lines, next_commands, report, task
 from nhpocp.cli.terminal import put
 from nhpocp.comparison import Comparison, Entry, compare
@@ -33,6 +34,7 @@ from nhpocp.outcome import Outcome
 from nhpocp.problem_file import load_problem, read
 from nhpocp.solution_folder import load_solution
 from nhpocp.solvers.nlp.fatrop import Fatrop
+from nhpocp.views.progress import duration, sparkline
 
 PAPER = Path(__file__).parents[2] / "problems" / "paper.yaml"
 UNICYCLE = Path(__file__).parents[2] / "problems" / "unicycle.yaml"
@@ -95,6 +97,24 @@ def test_ctrl_c_ends_the_progress_and_keeps_what_was_found(tmp_path):
     assert not re.search(r"\x1b\[[0-9;]*3[0-7]m", sent)  # NO_COLOR
     written = [line for line in said.splitlines() if not line.lstrip().startswith("nhpocp ")]
     assert max(len(line.rpartition("\r")[2]) for line in written) <= 60
+    assert load_solution(tmp_path / "out").outcome is Outcome.INTERRUPTED
+
+
+def test_the_second_phase_shows_its_cost_and_the_worst_bound_and_a_stop_draws_nothing(tmp_path):
+    wanted = [
+        "constraints.leg_length=[20,50]",
+        "constraints.leg_speed=31",
+        "solvers.jacobian.objective=effort",
+    ]
+    overrides = [word for one in [*wanted, "solvers.jacobian.step_rule=auto"] for word in ("--set", one)]
+    arguments = ["solve", PAPER, *overrides, "-o", "out"]
+    status, sent = in_a_terminal(arguments, tmp_path, 90, "bounds: leg_speed", NO_COLOR="1")
+    said = plain(sent)
+    assert status == 1
+    assert re.search(r"to the least effort", said)
+    assert re.search(r"cost \d\.\d+  bounds: leg_speed by [\d.]+ of its limit", said)
+    assert said.strip().splitlines()[-1].strip() == "no pictures were drawn; `nhpocp plot out` draws them"
+    assert not list((tmp_path / "out").glob("*.png"))
     assert load_solution(tmp_path / "out").outcome is Outcome.INTERRUPTED
 
 

@@ -52,3 +52,15 @@ def test_both_methods_keep_it(method):
     assert bounded.converged
     assert np.asarray(bounded.trajectory["joint_angles"])[:, :, 3].max() <= limit + 1e-3
     assert bounded.control.effort > free.control.effort
+
+
+@pytest.mark.parametrize(
+    ("written", "told"), [("15 deg", "above 15 deg"), ("0.26179938779914946", "above 0.261799")]
+)
+def test_what_was_written_in_degrees_is_told_in_degrees(written, told):
+    problem = parse_problem(TEXT + f"constraints: {{joint_angle: {{theta3: {{max: {written}}}}}}}\n")
+    message = nhpocp.solve(problem).message
+    assert told in message
+    assert ("112.6 deg" in message or " deg, above" in message) == ("deg" in written)
+    in_python = paper_problem(bounds={"joint_angle": {"theta3": {"max": 15 * nhpocp.deg}}})
+    assert "above 15 deg" in nhpocp.solve(in_python).message

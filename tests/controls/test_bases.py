@@ -2,13 +2,13 @@
 
 from dataclasses import replace
 
-import casadi as ca
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nhpocp import planning
+from nhpocp.arrays import namespace
 from nhpocp.controls import samples
 from nhpocp.controls.bspline import BSpline
 from nhpocp.controls.chebyshev import Chebyshev
@@ -26,6 +26,8 @@ from nhpocp.problem_file import control_from_json, dump_problem, parse_problem
 from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.step_rules import Adaptive
 from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting
+from nhpocp.testing import check_basis
+from nhpocp.testing.bases import LAWS, LAWS_OF_A_HORIZON, derivative_is_that_of_the_table
 from tests.conftest import paper_problem
 
 LAW = settings(max_examples=25, deadline=None, derandomize=True)
@@ -48,48 +50,87 @@ BASES = [
 ]
 every_basis = pytest.mark.parametrize("basis", BASES, ids=lambda b: f"{b.kind}-{b.size}")
 horizons = st.floats(0.05, 50.0)
-NODES, WEIGHTS = np.polynomial.legendre.leggauss(32)
 
 
-def pieces(basis, horizon, first=0.0, last=None):
-    """Gauss-Legendre times and weights on the smooth pieces between two times."""
-    last = horizon if last is None else last
-    inner = basis.breakpoints(horizon)
-    knots = np.concatenate([[first], inner[(inner > first) & (inner < last)], [last]])
-    middles, halves = 0.5 * (knots[1:] + knots[:-1])[:, None], 0.5 * np.diff(knots)[:, None]
-    return (middles + halves * NODES).ravel(), (halves * WEIGHTS).ravel()
+@every_basis
+@pytest.mark.parametrize("law", LAWS, ids=lambda law: law.__name__)
+def test_a_law_holds(law, basis):
+    law(basis)
 
 
-def apart_from_breakpoints(basis, share, horizon):
-    """A time with room for a difference quotient on both sides."""
-    time, corners = share * horizon, np.concatenate([[0.0], basis.breakpoints(horizon), [horizon]])
-    nearest = corners[np.abs(corners - time).argmin()]
-    if abs(time - nearest) < 1e-3 * horizon:
-        time = nearest + (2e-3 if nearest < 0.5 * horizon else -2e-3) * horizon
-    return time
+@every_basis
+@pytest.mark.parametrize("law", LAWS_OF_A_HORIZON, ids=lambda law: law.__name__)
+@LAW
+@given(horizon=horizons)
+def test_a_law_holds_over_every_horizon(law, basis, horizon):
+    law(basis, horizon)
 
 
 @every_basis
 @LAW
-@given(horizon=horizons)
-def test_gram_is_the_integral_of_products(basis, horizon):
-    times, weights = pieces(basis, horizon)
-    table = basis.table(times, horizon)
-    np.testing.assert_allclose(
-        basis.gram(horizon), table.T @ (weights[:, None] * table), rtol=0, atol=1e-12 * horizon
-    )
+@given(horizon=horizons, share=st.floats(0, 1))
+def test_derivative_is_that_of_the_table(basis, horizon, share):
+    derivative_is_that_of_the_table(basis, horizon, share)
 
 
-@every_basis
-def test_a_local_table_is_the_table(basis):
-    times = np.sort(np.concatenate([np.linspace(0, 2.5, 31), basis.breakpoints(2.5)]))
-    weights = np.random.default_rng(0).normal(size=(len(times), 3))
-    for side in ("left", "right"):
-        table, local = basis.table(times, 2.5, side), basis.local_table(times, 2.5, side)
-        np.testing.assert_allclose(local.dense(), table, rtol=0, atol=1e-14)
-        columns = np.arange(2.0 * basis.size).reshape(basis.size, 2)
-        np.testing.assert_allclose(local @ columns, table @ columns, rtol=1e-12, atol=1e-12)
-        np.testing.assert_allclose(local.transposed(weights), table.T @ weights, rtol=0, atol=1e-12)
+def test_the_laws_hold_over_the_horizons_that_a_plugin_is_tried_on():
+    check_basis(Legendre(4))
+    check_basis(BSpline(2, 3))
+    with pytest.raises(InvalidProblemError, match="expected a basis"):
+        check_basis(Legendre)
+
+
+class WrongGram(Legendre):
+    def gram(self, horizon):
+        return 1.01 * np.asarray(super().gram(horizon))
+
+
+class Flat(Legendre):
+    def derivative_table(self, times, horizon, side="right"):
+        return 0 * self.table(times, horizon, side)
+
+
+class Numeric(Legendre):
+    def values(self, time, horizon):
+        return self.table(np.array([float(time)]), horizon)[0]
+
+
+class Anonymous(Legendre):
+    @property
+    def labels(self):
+        return ["P"] * self.size
+
+
+class Twins(Legendre):
+    def table(self, times, horizon, side="right"):
+        return np.ones((len(times), self.size))
+
+    def values(self, time, horizon):
+        return namespace(time).vector([1.0] * self.size)
+
+    def gram(self, horizon):
+        return np.full((self.size, self.size), horizon)
+
+
+class Sloppy(Legendre):
+    def to_json(self, coefficients, horizon):
+        return super().to_json(np.round(coefficients, 3), horizon)
+
+
+BROKEN = {
+    WrongGram: r"legendre over 0.05: gram is the integral of products: no. gram\(horizon\) is",
+    Flat: "derivative is that of the table: no. derivative_table at t = ",
+    Numeric: "values are the table for numbers and symbols",
+    Anonymous: "labels are not distinct: P, P",
+    Twins: "its functions are independent: no. the least eigenvalue",
+    Sloppy: "a file holds the same control: no",
+}
+
+
+@pytest.mark.parametrize("broken", BROKEN)
+def test_a_basis_that_breaks_a_law_is_told_which(broken):
+    with pytest.raises(AssertionError, match=BROKEN[broken]):
+        check_basis(broken(3))
 
 
 @every_basis
@@ -123,43 +164,6 @@ def test_gram_matrices_are_solved_and_rooted_by_their_bands(basis):
     np.testing.assert_allclose(gram.root_transposed(columns), root.T @ columns, atol=1e-12)
 
 
-@every_basis
-@LAW
-@given(horizon=horizons, share=st.floats(0, 1))
-def test_derivative_is_that_of_the_table(basis, horizon, share):
-    time = apart_from_breakpoints(basis, share, horizon)
-    step = 1e-4 * horizon
-    offsets = step * np.array([-2.0, -1.0, 1.0, 2.0])
-    differences = np.array([1.0, -8.0, 8.0, -1.0]) / 12 @ basis.table(time + offsets, horizon) / step
-    found = basis.derivative_table(np.array([time]), horizon)[0]
-    np.testing.assert_allclose(found, differences, rtol=0, atol=1e-7 * basis.size**2 / horizon)
-
-
-@every_basis
-@LAW
-@given(horizon=horizons)
-def test_one_sided_derivatives_at_a_breakpoint(basis, horizon):
-    corners, step = basis.breakpoints(horizon), 1e-7 * horizon
-    for side, beside in (("left", corners - step), ("right", corners + step)):
-        found = basis.derivative_table(corners, horizon, side)
-        near = basis.derivative_table(beside, horizon)
-        np.testing.assert_allclose(found, near, rtol=0, atol=1e-4 * basis.size**2 / horizon)
-
-
-@every_basis
-def test_values_are_the_table_for_numbers_and_symbols(basis):
-    times = np.array([apart_from_breakpoints(basis, share, 2.5) for share in np.linspace(0, 1, 23)])
-    table = basis.table(times, 2.5)
-    assert table.shape == (23, basis.size)
-    assert len(basis.labels) == basis.size
-    np.testing.assert_allclose([basis.values(time, 2.5) for time in times], table, rtol=0, atol=1e-13)
-    for kind in (ca.SX, ca.MX):
-        time = kind.sym("t")
-        phi = ca.Function("phi", [time], [basis.values(time, 2.5)])
-        found = [np.array(phi(time)).ravel() for time in times]
-        np.testing.assert_allclose(found, table, rtol=0, atol=1e-13)
-
-
 @pytest.mark.parametrize("basis", [b for b in BASES if isinstance(b, BSpline | PiecewiseConstant)])
 @LAW
 @given(horizon=horizons, share=st.floats(0, 1))
@@ -170,16 +174,6 @@ def test_splines_are_a_partition_of_unity(basis, horizon, share):
         assert row.sum() == pytest.approx(1.0, abs=1e-13)
     ends = basis.table(np.array([0.0, horizon]), horizon, "left")
     np.testing.assert_allclose(ends[[0, 1], [0, -1]], 1.0, rtol=0, atol=1e-13)
-
-
-@every_basis
-def test_a_file_holds_the_same_control(basis):
-    control = Control(basis, np.random.default_rng(1).normal(size=(3, basis.size)), 2.5)
-    again, times = control_from_json(control.to_json()), np.linspace(0, 2.5, 101)
-    for side in ("left", "right"):
-        np.testing.assert_allclose(again(times, side), control(times, side), rtol=0, atol=1e-13)
-    assert again.effort == pytest.approx(control.effort, rel=1e-13)
-    assert type(basis)(**basis.parameters()) == basis
 
 
 def test_knots_that_are_not_uniform_are_refused():

@@ -316,3 +316,53 @@ def test_via_poses_at_one_time_are_found_in_any_order_and_named_as_the_file_has_
             assert error.message.endswith("more)") == (len(later) > 1)
         else:
             read_text(f"{GOOD}via:\n{via}")
+
+
+# --- every mistake at once --------------------------------------------------------------------------------------------
+
+SEVERAL = (
+    GOOD.replace("gamma: 0.1", "gamma: abc")
+    .replace("steps: 100", "stps: 100")
+    .replace("    - [1, 0, 0.5, 0, 0]\n", "")
+    .replace("leg_length: [20, 60]", "leg_lenght: 3, leg_speed: -1")
+    .replace("output: {", "gamma: 2\noutput: {")
+)
+
+
+def test_every_mistake_of_a_file_is_located():
+    """Those of form, and those of meaning in the blocks whose form is right."""
+    each = [(error.line, error.column, error.path) for error in refusal(SEVERAL).each]
+    assert each == [
+        (13, 5, "control.initial"),
+        (15, 15, "constraints.leg_lenght"),
+        (15, 41, "constraints.leg_speed"),
+        (18, 12, "solvers.jacobian.gamma"),
+        (19, 5, "solvers.jacobian.stps"),
+        (21, 1, "gamma"),
+    ]
+    assert "more)" not in "".join(error.message for error in refusal(SEVERAL).each)
+    assert refusal(SEVERAL).message.endswith("(and 5 more)")
+
+
+def test_a_mistake_of_form_makes_none_of_meaning():
+    """With harmonics unknown nothing is said of the columns of `initial`."""
+    each = refusal(GOOD.replace("harmonics: 2", "harmonics: two")).each
+    assert [error.path for error in each] == ["control.harmonics"]
+
+
+@pytest.mark.parametrize(
+    ("override", "whole"),
+    [
+        ("gamma=1", "'solvers.jacobian.gamma'"),
+        ("jacobian.gamma=1", "'solvers.jacobian'"),
+        ("harmonics=3", "'control.harmonics'"),
+        ("leg_speed=3", "'constraints.leg_speed'"),
+        ("samples=30", "'output.samples'"),
+        ("base_radius=30", "'system.base_radius'"),
+        ("position=[0,0,30]", "'start.position' or 'goal.position'"),
+        ("solvers.jacobian.intervals=3", "'solvers.nlp.intervals'"),
+        ("solvers.gamma=3", "'solvers.jacobian.gamma'"),
+    ],
+)
+def test_a_key_without_its_blocks_is_told_where_it_belongs(override, whole):
+    assert f"unknown key; did you mean {whole}" in refusal(GOOD, (override,)).message

@@ -127,7 +127,7 @@ def test_names_that_depend_on_parameters_are_offered_and_not_forced(monkeypatch)
             self._declare({"n": n})
             self.state_space, self.input_space = StateSpace([vector("q", n)]), StateSpace([vector("u", 2)])
 
-    monkeypatch.setattr(editor_schema, "every_class", lambda: ({"chain": Chain}, []))
+    monkeypatch.setattr(editor_schema, "SYSTEMS", {"chain": Chain})
     monkeypatch.setattr(registry, "system_class", lambda _: Chain)
     schema = json_schema()
     assert schema["allOf"][0]["then"]["properties"]["start"]["properties"]["q"]["description"] == "3 numbers"

@@ -12,7 +12,6 @@ import nhpocp
 from nhpocp.analysis import analyze, slices
 from nhpocp.analysis.analysis import PathAnalysis
 from nhpocp.analysis.growth import Growth
-from nhpocp.cli.analyzing import _path_lines
 from nhpocp.cli.entry import status
 from nhpocp.controls.fourier import Fourier
 from nhpocp.errors import InvalidProblemError
@@ -25,6 +24,7 @@ from nhpocp.scales import Scales
 from nhpocp.solution import Crossing
 from nhpocp.solution_folder import plain
 from nhpocp.verification.crossings import MOST, sign_changes, touches
+from nhpocp.views.analysis_words import path_rows
 from tests.conftest import Integrators, paper_problem
 
 PROBLEMS = Path(__file__).parents[2] / "problems"
@@ -175,4 +175,4 @@ def test_what_is_met_too_often_is_counted():
     states, growth = np.zeros((2, 9)), Growth(6, ())
     times = np.array([0.0, 1.0])
     path = PathAnalysis(times, states, (growth, growth), growth, np.ones(2), {}, zeros, states)
-    assert "det W at t = 0.007 and 892 more" in _path_lines(path)[-1]
+    assert "det W at t = 0.007 and 892 more" in path_rows(path)[-1][1]

@@ -1,23 +1,28 @@
 """Laws of whole families: what is announced in one line is what it says, and whatever follows from it agrees."""
 
-import numpy as np
+from dataclasses import dataclass, replace
+
 import pytest
 
+from nhpocp.constraints.bound import Bound
+from nhpocp.constraints.control import ControlSize
 from nhpocp.constraints.registry import KINDS, block_of, bounds_of
-from nhpocp.controls.control import Control
 from nhpocp.controls.registry import BASES
-from nhpocp.controls.sequence import join
 from nhpocp.errors import InvalidProblemError
+from nhpocp.objectives.effort import Effort
 from nhpocp.objectives.objective import ControlObjective
+from nhpocp.objectives.path_length import PathLength
 from nhpocp.objectives.registry import OBJECTIVES, exact_costs
+from nhpocp.outcome import Outcome
 from nhpocp.problem_file.building import build_solver
+from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.settings import INVERSES, METRICS, STEP_RULES
+from nhpocp.solvers.continuation.step_rules import Adaptive, Euler
 from nhpocp.solvers.nlp.settings import GUESSES, OPTIMIZERS
 from nhpocp.solvers.registry import SOLVERS
+from nhpocp.testing import check_constraint, check_objective, check_solver, check_step_rule
+from nhpocp.testing.objectives import controls
 from tests.conftest import paper_problem
-
-OF_THE_CONTROL = [cost for cost in OBJECTIVES.values() if isinstance(cost, ControlObjective)]
-NODES, WEIGHTS = np.polynomial.legendre.leggauss(12)
 
 
 def test_every_member_is_called_as_it_is_announced():
@@ -28,31 +33,32 @@ def test_every_member_is_called_as_it_is_announced():
         assert {name: member.kind for name, member in family.items()} == {name: name for name in family}
 
 
-def controls(horizon):
-    random = np.random.default_rng(3)
-    return [Control(basis(), random.normal(size=(2, basis().size)), horizon) for basis in BASES.values()]
+@pytest.mark.parametrize("name", OBJECTIVES)
+def test_objectives_keep_the_laws(name):
+    check_objective(OBJECTIVES[name])
 
 
-@pytest.mark.parametrize("cost", OF_THE_CONTROL, ids=lambda cost: cost.name)
-def test_a_cost_of_the_control_is_the_integral_of_its_density(cost):
-    one = controls(1.0)
-    for control in (*controls(2.5), join([one[0], one[1]])):
-        if cost.lacking_control(control.basis):
-            assert cost.of_control(control) is None
-            assert cost.name not in exact_costs(control)
-            continue
-        inner = np.unique(np.concatenate([np.linspace(0, control.horizon, 33), control.breakpoints]))
-        middles, halves = 0.5 * (inner[1:] + inner[:-1])[:, None], 0.5 * np.diff(inner)[:, None]
-        density = cost.density(control, (middles + halves * NODES).ravel())
-        assert cost.of_control(control) == pytest.approx((halves * WEIGHTS).ravel() @ density, rel=1e-9)
+@pytest.mark.parametrize("name", KINDS)
+def test_constraints_keep_the_laws(name):
+    check_constraint(KINDS[name])
+    check_constraint(KINDS[name], paper_problem().system)
 
 
-@pytest.mark.parametrize("cost", OF_THE_CONTROL, ids=lambda cost: cost.name)
-def test_the_gram_matrix_grows_with_the_duration_as_the_pace_says(cost):
-    for control in controls(1.0):
-        if not cost.lacking_control(control.basis):
-            short, long = (np.asarray(cost.gram(control.basis, T)) for T in (1.0, 3.0))
-            np.testing.assert_allclose(long, 3.0 ** (cost.pace + 2) * short, rtol=1e-9, atol=1e-9)
+@pytest.mark.parametrize("name", STEP_RULES)
+def test_step_rules_keep_the_laws(name):
+    check_step_rule(STEP_RULES[name]())
+
+
+@pytest.mark.parametrize("name", SOLVERS)
+def test_solvers_keep_the_laws(name):
+    check_solver(SOLVERS[name]().solver(None, {}))
+
+
+def test_costs_that_a_control_tells_are_told_where_it_has_them():
+    for control in controls(2.5):
+        for cost in OBJECTIVES.values():
+            if isinstance(cost, ControlObjective):
+                assert (cost.name in exact_costs(control)) is not bool(cost.lacking_control(control.basis))
 
 
 def test_every_kind_of_constraint_is_read_as_it_is_written():
@@ -62,10 +68,171 @@ def test_every_kind_of_constraint_is_read_as_it_is_written():
     assert set(given) == set(KINDS)
     bounds = bounds_of(given, system)
     again = bounds_of(block_of(bounds, system), system)
-    for one, other in zip(bounds, again, strict=True):
-        assert (one.label, one.quantity) == (other.label, other.quantity)
-        np.testing.assert_array_equal(*np.broadcast_arrays(one.lower, other.lower))
-        np.testing.assert_array_equal(*np.broadcast_arrays(one.upper, other.upper))
+    assert [(one.label, one.quantity) for one in bounds] == [(one.label, one.quantity) for one in again]
+
+
+# --- members that break a law -----------------------------------------------------------------------------------------
+
+
+class Doubled(Effort):
+    def density(self, control, times):
+        return 2 * super().density(control, times)
+
+
+class Timeless(Effort):
+    pace = 0
+
+
+class Owing(PathLength):
+    def integrand(self, system, state, control, length_scale):
+        return super().integrand(system, state, control, length_scale) - 1e3
+
+
+class Hasty(PathLength):
+    pace = -1
+
+
+class Deaf(PathLength):
+    def integrand(self, system, state, control, length_scale):
+        return abs(float(control[0]))
+
+
+class Apart(PathLength):
+    def searched(self, system, state, control, length_scale, rest):
+        return 2 * super().searched(system, state, control, length_scale, rest)
+
+
+class Called(Effort):
+    name = "message"
+
+
+@pytest.mark.parametrize(
+    ("objective", "words"),
+    [
+        (Doubled(), "effort: a cost of the control is the integral of its density: no. by gram over fourier"),
+        (Timeless(), "effort: the gram matrix grows with the duration as the pace says: no"),
+        (Owing(), "path_length of unicycle: numbers and symbols cost alike: no. integrand is -"),
+        (Hasty(), "path_length of unicycle: it grows with the duration as the pace says: no"),
+        (Deaf(), "path_length of unicycle: numbers and symbols cost alike"),
+        (Apart(), "path_length of unicycle: what is searched tends to it: no"),
+        (Called(), "message: it says what it is: no. message means something else in files"),
+    ],
+)
+def test_an_objective_that_breaks_a_law_is_told_which(objective, words):
+    with pytest.raises(AssertionError, match=words):
+        check_objective(objective)
+
+
+class Halved(ControlSize):
+    def value(self, bounds, system):
+        return 5.0
+
+
+class Foreign(ControlSize):
+    def bounds(self, value, system):
+        return [Bound("controls", "u", -1, 1)]
+
+
+class Nowhere(ControlSize):
+    def bounds(self, value, system):
+        return [Bound("control", "thrust", -1, 1)]
+
+
+@pytest.mark.parametrize(
+    ("kind", "words"),
+    [
+        (Halved(), "control: it is read as it is written: no. lower of control"),
+        (Foreign(), "control: its bounds bear its key: no. a bound is labelled 'controls'"),
+        (Nowhere(), "control: a problem takes its bounds: .*unknown quantity 'thrust'"),
+    ],
+)
+def test_a_constraint_that_breaks_a_law_is_told_which(kind, words):
+    with pytest.raises(AssertionError, match=words):
+        check_constraint(kind)
+
+
+@dataclass(frozen=True)
+class Lazy(Euler):
+    def updates(self, here, evaluate):
+        yield here
+
+
+@dataclass(frozen=True)
+class Cold(Euler):
+    def updates(self, here, evaluate):
+        self.__dict__["gamma"] *= 0.5
+        yield from super().updates(here, evaluate)
+
+
+@dataclass(frozen=True)
+class Secret(Euler):
+    def settings(self):
+        return {"gamma": (self.gamma,)}
+
+
+@pytest.mark.parametrize(
+    ("rule", "words"),
+    [
+        (Lazy(), "euler: it reaches what is easy: no. straight: "),
+        (Cold(1.0), "euler: it does the same again: no"),
+        (Secret(), r"euler: its settings are plain data: no. settings\(\) gives"),
+    ],
+)
+def test_a_step_rule_that_breaks_a_law_is_told_which(rule, words):
+    with pytest.raises(AssertionError, match=words):
+        check_step_rule(rule)
+
+
+class Boaster:
+    """Claims whatever it is asked for; ``given`` may be what it is asked in."""
+
+    name = "boaster"
+    tolerance = 1e-3
+
+    def settings(self):
+        return {"tolerance": 1e-3}
+
+    def solve(self, problem, progress=None):
+        own = Continuation(step_rule=Euler(1e-6), max_iterations=1).solve(problem, progress)
+        return replace(own, solver=self.name, settings=self.settings(), outcome=Outcome.CONVERGED)
+
+
+class Raising(Boaster):
+    def solve(self, problem, progress=None):
+        if problem.bounds:
+            raise ValueError("no plan")
+        solution = Continuation(step_rule=Adaptive()).solve(problem, progress)
+        return replace(solution, solver=self.name, settings=self.settings())
+
+
+class Deafened(Boaster):
+    def solve(self, problem, progress=None):
+        return Raising().solve(problem)
+
+
+class Loose(Boaster):
+    def settings(self):
+        return {"tolerance": 1.0}
+
+
+@pytest.mark.parametrize(
+    ("solver", "words"),
+    [
+        (Boaster(), "boaster: it solves what is easy: no. straight: not_verified"),
+        (Raising(), "boaster: what cannot be is an outcome: ValueError: no plan"),
+        (Deafened(), "boaster: it tells whoever listens: no. `progress` was never called"),
+        (Loose(), r"boaster: its settings are plain data: no. settings\(\) says tolerance 1.0"),
+    ],
+)
+def test_a_solver_that_breaks_a_law_is_told_which(solver, words):
+    with pytest.raises(AssertionError, match=words):
+        check_solver(solver)
+
+
+@pytest.mark.parametrize("check", [check_objective, check_constraint, check_step_rule, check_solver])
+def test_a_class_in_the_place_of_an_instance_is_refused(check):
+    with pytest.raises(InvalidProblemError, match="expected"):
+        check(Boaster)
 
 
 def test_unknown_solvers_are_answered_with_those_that_there_are():

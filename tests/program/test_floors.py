@@ -46,6 +46,8 @@ ROOMS = {
     "mpl_toolkits": ("views",),
     "PIL": ("views",),
     "jinja2": ("views",),
+    "IPython": ("views",),
+    "pandas": ("solution_folder",),
     "ruamel": ("problem_file",),
     "pydantic": ("problem_file", "solution_folder"),
     "click": ("cli",),
@@ -121,6 +123,30 @@ def test_the_map_shows_what_there_is():
 
 def test_no_module_imports_in_a_circle():
     assert list(TopologicalSorter(GRAPH).static_order())  # raises CycleError and names the circle
+
+
+def announced(module):
+    """The modules that a module's lines "nhpocp.module:name" name, to be imported when they are asked for."""
+    constants = (
+        node.value
+        for node in ast.walk(ast.parse(MODULES[module].read_text(encoding="utf-8")))
+        if isinstance(node, ast.Constant) and isinstance(node.value, str)
+    )
+    lines = (re.fullmatch(r"nhpocp\.([\w.]+):\w+", text) for text in constants)
+    return {line[1] for line in lines if line}
+
+
+@pytest.mark.parametrize("module", [module for module in MODULES if module != "shown" and announced(module)])
+def test_families_announce_what_is_not_above_them(module):
+    for target in announced(module):
+        assert FLOORS[room(target)] <= FLOORS[room(module)], f"{module} announces {target} of a higher floor"
+
+
+def test_what_shows_objects_stands_above_them_and_exists():
+    for target in announced("shown"):
+        assert room(target) in ("views", "solution_folder")
+    views = importlib.import_module("nhpocp.shown").VIEWS
+    assert all(callable(views[name]) for name in views)
 
 
 def test_nobody_inside_uses_the_public_door():

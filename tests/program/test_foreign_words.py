@@ -17,7 +17,8 @@ import pytest
 from nhpocp import planning
 from nhpocp.cli import progress as progress_module
 from nhpocp.cli.entry import status
-from nhpocp.cli.progress import Panel, progress
+from nhpocp.cli.progress import TerminalPanel as Panel
+from nhpocp.cli.progress import progress
 from nhpocp.cli.summary import comparison_lines, report
 from nhpocp.cli.terminal import console, put, say, tell
 from nhpocp.comparison import Comparison, Entry

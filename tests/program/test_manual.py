@@ -7,9 +7,10 @@ from enum import Enum
 import pytest
 
 import nhpocp
+from nhpocp import testing
 from nhpocp.systems.system import Parameter
 
-OBJECTS = {name: getattr(nhpocp, name) for name in nhpocp.__all__}
+OBJECTS = {name: getattr(home, name) for home in (nhpocp, testing) for name in home.__all__}
 DOCUMENTED = {
     name: value for name, value in OBJECTS.items() if inspect.isclass(value) or inspect.isfunction(value)
 }

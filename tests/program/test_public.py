@@ -51,7 +51,7 @@ def test_all_that_a_file_can_name_is_public():
 @pytest.mark.parametrize("document", ["README.md", "nhpocp/README.md", "problems/recipes.md"])
 def test_documents_import_from_nhpocp_itself(document):
     text = (ROOT / document).read_text(encoding="utf-8")
-    assert not re.findall(r"^from nhpocp\..*", text, flags=re.MULTILINE)
+    assert not re.findall(r"^from nhpocp\.(?!testing ).*", text, flags=re.MULTILINE)
 
 
 def test_an_import_loads_nothing_else():

@@ -264,7 +264,7 @@ def test_kernels_and_casadi_agree_on_few_inputs(model):
 @pytest.mark.parametrize("model", ["slider", "stone"])
 def test_few_inputs_are_kept_and_drawn(model, tmp_path, monkeypatch):
     system, start, goal, *_ = {**ONE_INPUT, **NO_INPUT}[model]
-    monkeypatch.setitem(registry.SYSTEMS, model, f"{__name__}:{type(system).__name__}")
+    monkeypatch.setitem(registry.SYSTEMS.lines, model, f"{__name__}:{type(system).__name__}")
     nlp = replace(NLPS["StagedTranscription ipopt"], intervals=4)
     task = problem(system, start, goal, samples=11, solvers={"jacobian": JACOBIANS["adaptive"], "nlp": nlp})
     compared = nhpocp.compare([task])

@@ -128,7 +128,7 @@ def test_what_is_saved_under_any_other_name_is_read(names, tmp_path_factory):
     assert plan.converged, plan.message
     folder = nhpocp.save_solution(plan, tmp_path_factory.mktemp("named") / "plan")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(registry.SYSTEMS, "named", f"{__name__}:HERE")
+        patch.setitem(registry.SYSTEMS.lines, "named", f"{__name__}:HERE")
         patch.setitem(globals(), "HERE", type(system))
         again = nhpocp.load_solution(folder)
     assert list(again.trajectory) == list(plan.trajectory)

@@ -5,6 +5,7 @@ A new system's line here is one in `VARIANTS`, for parameters that change its eq
 
 from __future__ import annotations
 
+import math
 import subprocess
 import sys
 from functools import cache
@@ -13,26 +14,20 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
-from nhpocp import provenance
-from nhpocp.controls.control import Control
-from nhpocp.controls.fourier import Fourier
+from nhpocp.arrays import namespace
 from nhpocp.errors import InvalidProblemError
 from nhpocp.flow.compiled import kernel_build
-from nhpocp.flow.compiled.kernels import Compiled, Interpreted
-from nhpocp.flow.dynamics import Dynamics
-from nhpocp.flow.end_point_map import DifferentiatedEndPointMap, VariationalEndPointMap
-from nhpocp.flow.integrators import CasadiRungeKutta, Cvodes, RungeKutta4
 from nhpocp.problem import PlanningProblem
 from nhpocp.problem_file import load_problem, parse_problem, starter
 from nhpocp.problem_file.registry import SYSTEMS, system_class
-from nhpocp.solvers.continuation.initial_control import drawn
-from nhpocp.systems.numeric import _least_along, numeric_system
+from nhpocp.systems.numeric import _least_along
 from nhpocp.systems.parallel_robot import ParallelRobot
+from nhpocp.systems.system import System
+from nhpocp.testing import check_system
+from nhpocp.testing.laws import apart
+from nhpocp.testing.systems import LAWS, at, exact, random_control, standing
 from nhpocp.verification import geometry
-from nhpocp.verification.replay import replay
-from nhpocp.views.drawing import split_name
 from tests.conftest import Turntable
 from tests.ferry import Ferry
 
@@ -49,8 +44,6 @@ DRIFTING = {
     "a turntable": (Turntable(), {"angle": 0.2, "orientation": np.eye(3)}),
 }
 CASES = [*SYSTEMS, *(f"{model}, other parameters" for model in VARIANTS), *DRIFTING]
-DRIFTLESS = [case for case in CASES if case not in DRIFTING]
-BASIS = Fourier(2)
 
 
 @cache
@@ -65,57 +58,13 @@ def library() -> dict[str, PlanningProblem]:
 
 @cache
 def problem_of(case: str) -> PlanningProblem:
-    """Where a case stands: start and size of the library's problem, with the basis of these tests."""
+    """Where a case stands: start and size of the library's problem."""
     if case in DRIFTING:
-        system, start = DRIFTING[case]
-        return PlanningProblem(system=system, start=start, goal=start, basis=BASIS)
+        return standing(*DRIFTING[case])
     model, _, other = case.partition(",")
     known = library()[model]
     system = system_class(model)(**VARIANTS[model]) if other else known.system
-    held = system.invariants(known.start_point)
-    goal = {k: v for k, v in known.start.items() if k == "position"} if held else known.start
-    return PlanningProblem(system=system, start=known.start, goal=goal, basis=BASIS)
-
-
-@pytest.fixture(params=CASES)
-def problem(request) -> PlanningProblem:
-    return problem_of(request.param)
-
-
-def random_state(problem: PlanningProblem, seed: int) -> np.ndarray:
-    """A point around the start: the mechanism's own length and 0.3 rad apart in every direction."""
-    space, random = problem.system.state_space, np.random.default_rng(seed)
-    scales = np.where(np.array(space.tangent_units) == "length", 0.2 * problem.scale, 0.3)
-    return np.asarray(space.retract(problem.start_point, scales * random.standard_normal(space.dimension)))
-
-
-def random_control(problem: PlanningProblem, seed: int, horizon: float = 1.0) -> Control:
-    return Control(BASIS, drawn(problem, np.random.default_rng(seed)), horizon)
-
-
-def exact(problem: PlanningProblem, control: Any, horizon: float, start: Any = None) -> np.ndarray:
-    """x(T) by SciPy; ``control``: t ↦ u."""
-    rate = numeric_system(problem.system).rate_function
-    start = problem.start_point if start is None else start
-    found = solve_ivp(
-        lambda t, x: np.array(rate(x, control(t))).ravel(),
-        (0.0, horizon),
-        start,
-        method="DOP853",
-        rtol=1e-12,
-        atol=1e-12,
-    )
-    return found.y[:, -1]
-
-
-def at(control: Control) -> Any:
-    return lambda t: control(np.array([t]))[0]
-
-
-def apart(found: Any, expected: Any, scale: float = 1.0) -> float:
-    return float(np.abs(np.asarray(found) - np.asarray(expected)).max()) / max(
-        scale, float(np.abs(np.asarray(expected)).max())
-    )
+    return standing(system, known.start)
 
 
 # --- what a system declares -------------------------------------------------------------------------------------------
@@ -150,143 +99,86 @@ def test_declarations_fit_the_class(model):
     assert parse_problem(starter(model)).system.parameters() == system.parameters()
 
 
-def test_parameters_make_the_same_system(problem):
-    system = problem.system
-    again = type(system)(**system.parameters())
-    assert again.parameters() == system.parameters()
-    state, control = random_state(problem, 1), random_control(problem, 1)(np.array([0.3]))[0]
-    np.testing.assert_array_equal(again.velocity(state, control), system.velocity(state, control))
-
-
-def test_outputs_are_those_declared(problem):
-    system, state = problem.system, random_state(problem, 2)
-    outputs = system.outputs(state, np.ones(system.input_space.size))
-    assert set(outputs) == set(system.known_outputs or ())
-    for block in system.output_blocks or ():
-        assert np.shape(outputs[block.name]) == block.shape
-    for block in system.pose_outputs:
-        assert (
-            apart(system.output(block.name, state, np.zeros(system.input_space.size)), outputs[block.name])
-            == 0
-        )
-
-
-def test_drawings_are_plain_arrays_of_one_dimension(problem):
-    drawn_here = problem.system.drawing(random_state(problem, 3))
-    items = [*drawn_here["lines"].values(), *drawn_here["points"].values()]
-    for name, solid in drawn_here.get("solids", {}).items():
-        items.append(np.reshape(solid["ends"] if "ends" in solid else [solid["centre"]], (-1, 3)))
-        assert solid["radius"] > 0, name
-        if "rotation" in solid:
-            np.testing.assert_allclose(solid["rotation"].T @ solid["rotation"], np.eye(3), atol=1e-12)
-        kinds = {split_name(other)[0] for other in (*drawn_here["lines"], *drawn_here["points"])}
-        assert set(solid["replaces"]) <= kinds | {"spheres", "universal joints"}
-    trace = drawn_here.get("trace")
-    items += [np.reshape(trace, (1, -1))] if trace is not None else []
-    assert {np.shape(item)[1] for item in items} <= {2, 3}
-    assert len({np.shape(item)[1] for item in items}) <= 1
-    assert all(np.isfinite(np.asarray(item, dtype=float)).all() for item in items)
-
-
-# --- the equations ----------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("seed", [0, 1])
-def test_numbers_and_symbols_move_alike(problem, seed):
-    """ẋ = f + G u, by NumPy and by CasADi."""
-    system, state = problem.system, random_state(problem, seed)
-    control = random_control(problem, seed)(np.array([0.2]))[0]
-    velocity = system.velocity(state, control)
-    affine = system.drift(state) + system.vector_fields(state) @ control
-    size = np.abs(velocity).max()
-    assert apart(affine, velocity, size) < 1e-12
-    rate = numeric_system(system).rate_function(state, control).full().ravel()
-    assert apart(rate, system.state_space.lift(state, velocity), size) < 1e-12
-    assert system.driftless == (not np.any(system.drift(state)))
-
-
-@pytest.mark.parametrize("seed", [0, 1])
-def test_linearised_is_the_derivative(problem, seed):
-    numeric, n = numeric_system(problem.system), problem.system.state_space.size
-    state, control = random_state(problem, seed), random_control(problem, seed)(np.array([0.4]))[0]
-    point = np.concatenate([state, control])
-    jacobian = numeric.linearised_function(state, control).full()
-    step = 1e-3 * max(1.0, problem.scale / 15)
-
-    def rate(values: np.ndarray) -> np.ndarray:
-        return numeric.rate_function(values[:n], values[n:]).full().ravel()
-
-    for column, direction in enumerate(np.eye(len(point))):
-        weights = {1: 4 / 5, 2: -1 / 5, 3: 4 / 105, 4: -1 / 280}  # eighth-order central difference
-        difference = sum(
-            w * (rate(point + k * step * direction) - rate(point - k * step * direction))
-            for k, w in weights.items()
-        )
-        assert apart(jacobian[:, column], difference / step, np.abs(jacobian).max()) < 1e-8
-
-
-@pytest.mark.parametrize("seed", [0, 1, 2])
-def test_motions_keep_the_constraints(problem, seed):
-    """The path is differenced, and what geometry says of its velocity has to vanish: G is not asked."""
-    system, space = problem.system, problem.system.state_space
-    control = random_control(problem, seed)
-    path = replay(numeric_system(system), control, problem.start_point)
-    times = np.linspace(0.05, 0.95, 19)
-    if geometry.has_legs(system):
-        rolling, rates = geometry.residuals(numeric_system(system), path(times), control(times))
-        assert max(rolling.max(), rates.max()) < 1e-8
-        return
-    rows = np.shape(system.constraints(problem.start_point, np.zeros(space.dimension)))[0]
-    assert rows == space.dimension - system.input_space.size
-    step = 2e-3
-    for time in times:
-        here = path(np.array([time]))[0]
-        moved = {
-            k: np.asarray(space.difference(path(np.array([time + k * step]))[0], here))
-            for k in (-2, -1, 1, 2)
-        }
-        velocity = (8 * (moved[1] - moved[-1]) - (moved[2] - moved[-2])) / (12 * step)
-        residual = np.abs(system.constraints(here, velocity)).max()
-        assert residual < 1e-7 * np.linalg.norm(velocity) * (1 + np.abs(here).max())
-
-
-def test_motions_leave_the_invariants(problem):
-    system, control = problem.system, random_control(problem, 11)
-    start = {name: value for name, (value, _) in system.invariants(problem.start_point).items()}
-    end = system.invariants(exact(problem, at(control), 1.0))
-    assert set(end) == set(start)
-    assert all(abs(value - start[name]) < 1e-9 * problem.scale for name, (value, _) in end.items())
+# --- the laws ---------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_the_constraints_can_be_broken(case):
-    """A residual that is always zero would prove nothing."""
-    problem = problem_of(case)
-    system, space = problem.system, problem.system.state_space
-    if geometry.has_legs(system):
-        return  # tests/test_geometry.py breaks it
-    state, random = random_state(problem, 4), np.random.default_rng(4)
-    assert np.abs(system.constraints(state, random.standard_normal(space.dimension))).min() > 1e-3
+@pytest.mark.parametrize("law", LAWS, ids=lambda law: law.__name__)
+def test_a_law_holds(law, case, monkeypatch):
+    monkeypatch.setattr(kernel_build, "FLAGS", (("-O0", "-fPIC", "-shared"),))  # optimised: test_kernels
+    law(problem_of(case))
 
 
-@pytest.mark.parametrize("case", DRIFTLESS)
-def test_time_may_be_scaled(case):
-    problem = problem_of(case)
-    control = random_control(problem, 5)
-    slow = Control(BASIS, np.asarray(control.coefficients) / 2.5, 2.5)
-    end = exact(problem, at(control), 1.0)
-    assert apart(exact(problem, at(slow), 2.5), end) < 1e-9
+@pytest.mark.parametrize("case", CASES)
+def test_every_system_writes_its_constraints_from_geometry(case):
+    system = problem_of(case).system
+    assert geometry.has_legs(system) or type(system).constraints is not System.constraints
 
 
-@pytest.mark.parametrize("case", DRIFTLESS)
-def test_motions_run_backwards(case):
-    problem = problem_of(case)
-    forth = at(random_control(problem, 6))
-    end = exact(problem, forth, 1.0)
-    back = exact(problem, lambda t: -forth(1.0 - t), 1.0, end)
-    assert apart(back, problem.start_point) < 1e-9
-    still = np.zeros(problem.system.input_space.size)
-    np.testing.assert_array_equal(exact(problem, lambda t: still, 1.0), problem.start_point)
+class Slipping(Ferry):
+    def constraints(self, state, velocity):
+        return namespace(state).vector([velocity[0]])
+
+
+class Unbreakable(Ferry):
+    def constraints(self, state, velocity):
+        return namespace(state).vector([0.0 * velocity[0]])
+
+
+class Misnamed(Ferry):
+    def outputs(self, state, control):
+        return {"stern": state[:2] - self.heading(state)}
+
+
+class Fast(Ferry):
+    def linearised(self, state, control):
+        return 2 * super().linearised(state, control)
+
+
+class Deaf(Ferry):
+    def vector_fields(self, state):
+        return np.array([[math.cos(float(state[2])), 0], [math.sin(float(state[2])), 0], [0, 1]])
+
+
+class Forgetful(Ferry):
+    def parameters(self):
+        return {}
+
+
+class Still(Ferry):
+    driftless = True
+
+
+class Flat(Ferry):
+    def drawing(self, state):
+        return {"lines": {"hull": np.zeros((2, 3))}, "points": {"bow": np.zeros((1, 2))}}
+
+
+BROKEN = {
+    Slipping: "motions keep the constraints: no. a motion breaks them",
+    Unbreakable: "the constraints can be broken: no",
+    Misnamed: r"outputs are those declared: no. outputs\(…\) gives \['stern'\]; output_blocks declares \['bow'\]",
+    Fast: "linearised is the derivative: no. column 2",
+    Deaf: "numbers and symbols move alike",
+    Forgetful: "parameters make the same system: no",
+    Still: "numbers and symbols move alike: no",
+    Flat: "drawings are plain arrays of one dimension: no. points have \\[2, 3\\] coordinates",
+}
+
+
+@pytest.mark.parametrize("broken", BROKEN)
+def test_a_system_that_breaks_a_law_is_told_which(broken):
+    with pytest.raises(AssertionError, match=f"ferry: {BROKEN[broken]}"):
+        check_system(broken(current=0.3), {"position": [0.3, -0.2], "theta": 0.4})
+
+
+def test_a_sound_system_of_ones_own_passes_and_what_is_none_is_refused():
+    check_system(Ferry())
+    with pytest.raises(InvalidProblemError, match="expected a system"):
+        check_system(Ferry)
+
+
+# --- the equations ----------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("case", DRIFTING)
@@ -298,59 +190,6 @@ def test_drift_moves_without_control_and_forbids_what_driftless_systems_may(case
     forth = at(random_control(problem, 6))
     back = exact(problem, lambda t: -forth(1.0 - t), 1.0, exact(problem, forth, 1.0))
     assert apart(back, problem.start_point) > 0.01
-
-
-# --- the end point ----------------------------------------------------------------------------------------------------
-
-WAYS = {
-    "variational": (VariationalEndPointMap, RungeKutta4(200)),
-    "cvodes": (DifferentiatedEndPointMap, Cvodes(steps=2)),
-    "rk": (DifferentiatedEndPointMap, CasadiRungeKutta(steps=200)),
-}
-
-
-def test_the_end_points_jacobian_comes_alike_from_every_way(problem):
-    coefficients = 0.6 * np.asarray(random_control(problem, 7).coefficients)
-    own = DifferentiatedEndPointMap(problem.system, BASIS, 1.0, problem.start_point, RungeKutta4(200))(
-        coefficients
-    )
-    for name, (factory, integrator) in WAYS.items():
-        other = factory(problem.system, BASIS, 1.0, problem.start_point, integrator)(coefficients)
-        assert apart(other.state, own.state) < 1e-6, name
-        assert apart(other.jacobian, own.jacobian, np.abs(own.jacobian).max()) < 1e-6, name
-
-
-def test_runge_kutta_has_order_four(problem):
-    """Away from the period's end, where quadrature of a Fourier sum would be exact."""
-    control = Control(
-        BASIS, 0.6 * np.asarray(random_control(problem, 8).coefficients), 1.0
-    )  # far from det W = 0
-    rate, last = numeric_system(problem.system).rate_function, 0.61
-    ends = [
-        RungeKutta4()
-        .flow(Dynamics(rate), BASIS, 1.0, np.linspace(0.0, last, steps + 1))
-        .end(problem.start_point, np.asarray(control.coefficients))
-        for steps in (20, 40, 80)
-    ]
-    end = exact(problem, at(control), last)
-    errors = [np.abs(found - end).max() for found in ends]
-    assert errors[0] > errors[1] > errors[2] > 1e-11
-    orders = np.log2(np.array(errors[:-1]) / errors[1:])
-    np.testing.assert_allclose(orders, 4.0, atol=0.35)
-
-
-@pytest.mark.skipif(not provenance.c_compiler(), reason="no C compiler")
-def test_a_compiled_kernel_gives_the_same_numbers(problem, monkeypatch):
-    monkeypatch.setattr(kernel_build, "FLAGS", (("-O0", "-fPIC", "-shared"),))  # optimised: test_kernels
-    coefficients = 0.3 * random_control(problem, 9).coefficients  # singularities would magnify rounding
-    ends = [
-        DifferentiatedEndPointMap(
-            problem.system, BASIS, 1.0, problem.start_point, RungeKutta4(30, kernels=kernels)
-        )(coefficients)
-        for kernels in (Compiled(), Interpreted())
-    ]
-    assert apart(ends[0].path, ends[1].path) < 1e-9
-    assert apart(ends[0].jacobian, ends[1].jacobian) < 1e-9
 
 
 # --- parameters -------------------------------------------------------------------------------------------------------

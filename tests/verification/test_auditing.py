@@ -27,6 +27,7 @@ from nhpocp.solvers.continuation.auto import Auto
 from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.multi_start import MultiStart
 from nhpocp.solvers.continuation.step_rules import Adaptive, Euler
+from nhpocp.solvers.least_squares import LeastSquares, LeastSquaresSettings
 from nhpocp.solvers.nlp.ipopt import Ipopt
 from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting
 from nhpocp.verification import verify
@@ -134,6 +135,7 @@ ENDINGS = {
     ),
     "endless": (paper_problem(horizon=Horizon(1.0, 0.5, None)), _few(20)),
     "free horizon": (paper_problem(horizon=Horizon(1.0, 0.5, 2.0), objective="time"), _few(8)),
+    "no cost lowered": (paper_problem(), LeastSquares(LeastSquaresSettings())),
     "starts of the NLP": (paper_problem(), replace(_few(8), starts=2)),
 }
 

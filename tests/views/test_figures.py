@@ -614,7 +614,7 @@ def test_paths_on_the_floor_are_compared_from_above() -> None:
 
 
 def test_the_goal_of_a_system_without_bodies_is_drawn_too() -> None:
-    goal = drawing.goal_pose(of_library("free_nilpotent_36"))
+    goal = drawing.goal_pose(of_library("free_nilpotent_36").problem)
     axes = Figure().add_subplot(projection="3d")
     drawing.plot_robot(axes, goal.drawing, ghost=True)
     assert len(axes.get_lines()) == 1

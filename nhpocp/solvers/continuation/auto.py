@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from itertools import combinations
 from time import perf_counter
 from typing import Any, ClassVar
 
@@ -35,6 +36,7 @@ SEEDS = 8  # per manoeuvre
 EVALUATIONS = 25  # per try: starts that lead to the goal need 5 to 20
 HALVINGS = 6  # of a part of the geodesic
 STEPS_PER_PIECE = 0.4  # of the steps of a whole plan, for the shortest manoeuvre of a sequence
+SAME = 0.01  # of a violation: how far two may be apart that count as one
 BUDGET = 3000  # evaluations, after which no new try begins
 
 
@@ -82,6 +84,9 @@ class _Search:
         self.tried: list[dict[str, Any]] = []
         self.way = ""  # what is being tried, in words
         self.solves = 0
+        self.stalled: list[
+            tuple[float, set[str]]
+        ] = []  # violations at which ways came to rest, and what is broken
         self.given_up = False  # for want of evaluations
 
     def result(self) -> ContinuationResult:
@@ -138,14 +143,39 @@ class _Search:
             self.way = own if start == 0 else f"seeded start {start} of {self.restarts}"
             result = self._try(tried, start)
             starts.append(result)
-            yield own if start == 0 else f"seeded start {start}", self._finished(result, self.base)
+            finished = self._finished(result, self.base)
+            yield own if start == 0 else f"seeded start {start}", finished
+            self._remember(finished)
+            if self._hopeless(only_rates=True):
+                return
+            if self._hopeless():
+                break
         # a drift moves the pose between manoeuvres, and forbids them another time than the one they were planned for
         joined = self._manoeuvres() if problem.system.driftless else None
         if joined is not None:
             yield f"{len(joined.control.basis.bases)} manoeuvres in sequence", joined  # type: ignore[attr-defined]
+        if self._hopeless():
+            return
         walked = self._walk(min(starts, key=lambda result: result.rank))
         if walked is not None:
             yield "walking the goal", walked
+
+    def _remember(self, result: ContinuationResult) -> None:
+        """The least violation of the bounds near a way's control, if the search came to rest there."""
+        known = result.details.get("constraints", {})
+        if known.get("stalled"):
+            self.stalled.append((known["stalled"], set(known.get("broken", ()))))
+
+    def _hopeless(self, only_rates: bool = False) -> bool:
+        """Whether two ways have come to rest at one violation, the least that there seems to be; a judgement, no proof.
+
+        ``only_rates``: of bounds that more manoeuvring makes worse.
+        """
+        rates = {bound.label for bound in self.problem.bounds_on_rates}
+        return any(
+            abs(one - other) <= SAME * max(one, other) and (not only_rates or (broken | others) <= rates)
+            for (one, broken), (other, others) in combinations(self.stalled, 2)
+        )
 
     def _solve(self, solver: Continuation, problem: PlanningProblem, updates: int = 0) -> ContinuationResult:
         """A confirmed solve, its records among the search's."""

@@ -39,6 +39,7 @@ class RecordedEvaluator:
         self.accepted: list[Deferred] = []
         self.here: Evaluation | None = None  # the current control's
         self.phase = f"to the goal ({step_rule.kind})"
+        self.told: dict[str, Any] = {}  # of the search at the goal, for a listener
         self._step_rule, self._tolerance, self._progress = step_rule, tolerance, progress
 
     def __call__(self, coefficients: Array, gamma: float) -> Evaluation:
@@ -77,4 +78,5 @@ class RecordedEvaluator:
             "phase": self.phase,
             "at_most": self.budget.left,
             "expected": None if at_the_goal else self._step_rule.updates_left(error, self._tolerance),
+            **self.told,
         }

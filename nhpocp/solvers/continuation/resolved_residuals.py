@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from nhpocp.arrays import Array
 from nhpocp.flow.step_error import ALLOWED, StepError
 from nhpocp.solvers.continuation.evaluation import Evaluation
@@ -19,6 +21,10 @@ class ResolvedResiduals:
         self.times, self.budget = evaluate.evaluator.map.times, evaluate.budget
         at_first = step_error.error(first.coefficients, first.end.state)
         self._allowed = max(ALLOWED * tolerance, 2.0 * at_first)
+
+    def tell(self, **figures: Any) -> None:
+        """Lets a listener know with the next record."""
+        self._evaluate.told |= figures
 
     def __call__(self, coefficients: Array) -> Residual | None:
         """None where no path of use leads, or the budget is spent. Errors: Ctrl-C's."""

@@ -8,7 +8,7 @@ from inspect import signature
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from nhpocp import declared
-from nhpocp.family import Family
+from nhpocp.family import Family, Group
 from nhpocp.objectives.registry import costs_of_motion
 from nhpocp.solvers.settings import SolverSettings
 
@@ -22,7 +22,14 @@ STEP_RULES: Family[Any] = Family(
         "euler": "nhpocp.solvers.continuation.step_rules:Euler",
         "adaptive": "nhpocp.solvers.continuation.step_rules:Adaptive",
         "ode": "nhpocp.solvers.continuation.step_rules:Ode",
-    }
+    },
+    group=Group(
+        "nhpocp.step_rules",
+        "nhpocp.solvers.continuation.step_rules:StepRule",
+        "kind",
+        "a step rule",
+        ("auto",),
+    ),
 )
 INVERSES: Family[Any] = Family(
     {

@@ -48,6 +48,10 @@ class ResidualEvaluator(Protocol):
         """What Λ (inputs × size) makes of the goal; None where no path of use leads, or the budget is spent."""
         ...
 
+    def tell(self, **figures: Any) -> None:
+        """Hears what the search knows of the last control, ``cost`` and ``worst_bound``, for whoever watches."""
+        ...
+
 
 @dataclass(frozen=True)
 class LeastCostResult:
@@ -116,6 +120,7 @@ class LeastCost:
         self._map = cost_map(name, problem, basis, horizon, self.integrator)
         self._history: list[dict[str, Any]] = []
         self._rounds: list[dict[str, Any]] = []
+        self._stalled: float | None = None  # the least violation at which a search came to rest
         first = self._coordinates.of(self.reached.ravel())
         self._first = self._best = _Candidate(first, self._cost(first)[0], self._violation(first))
 
@@ -138,9 +143,11 @@ class LeastCost:
         From the free optimum the way in led to a cost as low or lower in each of 14 cases, and twice much lower; where
         it leads across a singular surface, the other one may cost less than half.
         """
-        y = self._first.y
-        if self._aimless and (self._first.held or self._bounded(self._distance, y, 2.0 * np.eye(len(y)))):
-            return
+        y, nearest = self._first.y, False
+        if self._aimless:
+            if self._first.held or self._bounded(self._distance, y, 2.0 * np.eye(len(y))):
+                return
+            nearest = self._stalled is not None
         curvature = self._curvature(y)
         budget = self.evaluator.budget
         free = minimise(self._surface, self._cost, y, curvature=curvature, goal=self._goal, budget=budget)
@@ -148,7 +155,7 @@ class LeastCost:
         candidate = _Candidate(free.y, free.cost, self._violation(free.y), free)
         self._best = self._best.better(candidate)
         within = candidate.held or self._bounded(self._cost, free.y, free.hessian.full)
-        if not within or self._best.cost > DEAR * self._first.cost:
+        if (not within and not nearest) or (within and self._best.cost > DEAR * self._first.cost):
             self._bounded(self._cost, y, curvature * np.eye(len(y)))
 
     def _bounded(self, cost: Cost, y: Array, hessian: Array) -> bool:
@@ -158,7 +165,9 @@ class LeastCost:
             tried = self._attempt(y)
             if tried is None:
                 return None
-            rows = self._rows.values(tried.path, self._coefficients(y)).ravel()
+            table = self._rows.values(tried.path, self._coefficients(y))
+            rows = table.ravel()
+            self.evaluator.tell(worst_bound=self._rows.worst_words(table))
             return Point(tried.error, tried.jacobian, *cost(y), rows) if np.isfinite(rows).all() else None
 
         violation = np.inf
@@ -178,6 +187,8 @@ class LeastCost:
                 self._best = self._best.better(_Candidate(ended.y, ended.cost, violation, ended))
             else:
                 violation = np.inf
+            if ended.stalled:
+                self._stalled = min(violation, self._stalled or np.inf)
         return violation <= HELD
 
     # --- what the search asks ------------------------------------------------------------------------------------
@@ -202,6 +213,8 @@ class LeastCost:
     def _cost(self, y: Array) -> tuple[float, Array]:
         """The objective, in units of its scale; the effort where there is none."""
         value, gradient = self._map(self._coefficients(y))
+        if not self._aimless:
+            self.evaluator.tell(cost=value)
         return value / self._scale, self._coordinates.jacobian(gradient) / self._scale
 
     def _curvature(self, y: Array) -> float:
@@ -248,13 +261,21 @@ class LeastCost:
             details["optimality"] = {"stationarity": ended.stationarity, "feasibility": ended.infeasibility}
         outcome = Outcome.CONVERGED
         if self._path_rows:
-            details["constraints"] = {"rounds": self._rounds, "violation": best.violation}
+            details["constraints"] = {
+                "rounds": self._rounds,
+                "violation": best.violation,
+                "stalled": self._stalled,
+            }
             parts.append("every bound holds")
             if not best.violation <= FORGIVEN:  # verification would refuse it
                 outcome = Outcome.CONSTRAINT_VIOLATED
-                report = worst(self._rows.reports(self.problem.control(coefficients, self.horizon)))
+                reports = self._rows.reports(self.problem.control(coefficients, self.horizon))
+                report = worst(reports)
+                broken = [each.bound.label for each in reports if not each.ok]
+                details["constraints"]["broken"] = broken
+                together = " and ".join(broken) if len(broken) > 1 else "every bound"
                 parts[-1] = (
-                    f"no control near it over this basis was found that keeps every bound: {report.describe()}; "
+                    f"no control near it over this basis was found that keeps {together}: {report.describe()}; "
                     "more harmonics may find one"
                 )
         sentence = "; ".join([*parts, end] if end else parts)

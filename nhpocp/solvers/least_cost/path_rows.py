@@ -86,6 +86,16 @@ class PathRows:
         np.minimum.at(least, self._nearest, fine)
         return least
 
+    def worst_words(self, rows: Array) -> str:
+        """The bound that rows g (samples × columns) break most, and by what part of its limit; else that all hold."""
+        least = rows.min(axis=0)
+        place = int(np.argmin(least))
+        if not least[place] < -INSIDE:
+            return "kept" if np.isfinite(least).all() else "no number"
+        widths = np.cumsum([family.width for family in self._families])
+        bound = self.problem.bounds[int(np.searchsorted(widths, place, "right"))]
+        return f"{bound.label} by {-least[place]:.2g} of its limit"
+
     def reports(self, control: Control) -> list[BoundReport]:
         """Every bound's worst place on the finely simulated motion."""
         path = self._fine_flow.states(self.problem.start_point, control.coefficients)
@@ -123,6 +133,13 @@ def _close(time: float, others: Array, horizon: float) -> bool:
 
 class _Family(ABC):
     """The columns of one bound."""
+
+    _sides: _Sides
+
+    @property
+    def width(self) -> int:
+        """How many they are."""
+        return len(self._sides.places)
 
     @abstractmethod
     def values(self, states: Array, controls: Array) -> Array:
