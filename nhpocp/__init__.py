@@ -85,6 +85,8 @@ if TYPE_CHECKING:
     from nhpocp.solvers.nlp.single_shooting import SingleShooting as SingleShooting
     from nhpocp.solvers.nlp.staged_transcription import StagedTranscription as StagedTranscription
     from nhpocp.solvers.settings import SolverSettings as SolverSettings
+    from nhpocp.solvers.sinusoids import Sinusoids as Sinusoids
+    from nhpocp.solvers.sinusoids import SinusoidsSettings as SinusoidsSettings
     from nhpocp.state_space import Block as Block
     from nhpocp.state_space import StateSpace as StateSpace
     from nhpocp.state_space import deg as deg
@@ -98,6 +100,7 @@ if TYPE_CHECKING:
     from nhpocp.systems.cartan import Cartan as Cartan
     from nhpocp.systems.cartan import Engel as Engel
     from nhpocp.systems.chained import Chained as Chained
+    from nhpocp.systems.chained_form import ChainedForm as ChainedForm
     from nhpocp.systems.double_integrator import DoubleIntegrator as DoubleIntegrator
     from nhpocp.systems.free_nilpotent_36 import FreeNilpotent36 as FreeNilpotent36
     from nhpocp.systems.friction_drive_wrist import FrictionDriveWrist as FrictionDriveWrist
@@ -136,6 +139,7 @@ _HOMES = {
     "Cartan": "systems.cartan",
     "CasadiRungeKutta": "flow.integrators",
     "Chained": "systems.chained",
+    "ChainedForm": "systems.chained_form",
     "Chebyshev": "controls.chebyshev",
     "CoefficientMetric": "solvers.metrics",
     "Comparison": "comparison",
@@ -197,6 +201,8 @@ _HOMES = {
     "RungeKutta4": "flow.integrators",
     "SequenceBasis": "controls.sequence",
     "SingleShooting": "solvers.nlp.single_shooting",
+    "Sinusoids": "solvers.sinusoids",
+    "SinusoidsSettings": "solvers.sinusoids",
     "Solution": "solution",
     "Solver": "solution",
     "SolverGuess": "solvers.nlp.guesses",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -12,9 +12,20 @@ from nhpocp.arrays import Array
 from nhpocp.errors import InvalidProblemError
 from nhpocp.frozen import ByValue
 from nhpocp.kept import kept
-from nhpocp.systems.system import System
+from nhpocp.state_space import StateSpace
 
 SAME = 1e-7  # of the state's numbers; further from its own image, a state is outside the chart
+
+
+class TwoInputs(Protocol):
+    """What a chained form needs of a system."""
+
+    @property
+    def model(self) -> str: ...
+
+    state_space: StateSpace
+
+    def vector_fields(self, state: Array) -> Array: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,10 +37,11 @@ class ChainedForm(ByValue):
     g: the vector field of the input ``drive``, which alone moves z_1 and z_3 … z_n. system: whose form it is. first,
     last: x ↦ z_1 and z_n, flat outputs. assemble: (z_1, z_n, slopes) ↦ x, with n - 2 slopes of which the j-th enters
     z_{n-j} linearly, and no z_k of a greater k; how the state is found from z. A form holds in a chart, where D is
-    regular: `to_chained` refuses states outside.
+    regular.
+    Errors: `InvalidProblemError` from `to_chained` for states outside.
     """
 
-    system: System
+    system: TwoInputs
     drive: int
     first: Callable[[Array], Array]
     last: Callable[[Array], Array]

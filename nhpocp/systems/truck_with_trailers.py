@@ -13,7 +13,7 @@ from nhpocp.systems.system import Parameter
 
 
 class TruckWithTrailers(CarWithTrailers):
-    r"""`car_with_trailers` behind a front axle that is steered by δ, on R² × Rⁿ⁺³:
+    r"""A truck that pulls n trailers as a `CarWithTrailers` does, its front axle steered by δ, on R² × Rⁿ⁺³:
 
         θ̇_0 = v tan δ / L_0,   v̇ = a,   δ̇ = w
 
