@@ -123,6 +123,7 @@ if TYPE_CHECKING:
     from nhpocp.systems.truck_with_trailers import TruckWithTrailers as TruckWithTrailers
     from nhpocp.systems.unicycle import Unicycle as Unicycle
     from nhpocp.systems.veselova_joint import VeselovaJoint as VeselovaJoint
+    from nhpocp.units import Units as Units
     from nhpocp.via import Via as Via
 
 __version__ = "0.1.0"
@@ -220,6 +221,7 @@ _HOMES = {
     "TridentSnake": "systems.trident_snake",
     "TruckWithTrailers": "systems.truck_with_trailers",
     "Unicycle": "systems.unicycle",
+    "Units": "units",
     "UnknownNameError": "errors",
     "UnreadableSolutionError": "errors",
     "VariationalEndPointMap": "flow.end_point_map",

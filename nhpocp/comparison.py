@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import json
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
@@ -16,6 +15,7 @@ import numpy as np
 
 from nhpocp import planning
 from nhpocp.constructed import Constructed
+from nhpocp.controls.basis import ControlBasis
 from nhpocp.csv_writer import write_table
 from nhpocp.errors import NhpocpError, expect
 from nhpocp.interruption import STOPPED, Interruption
@@ -24,6 +24,7 @@ from nhpocp.outcome import Outcome
 from nhpocp.plain_text import brief, visible
 from nhpocp.problem import PlanningProblem
 from nhpocp.provenance import machine, peak_memory, reset_peak_memory
+from nhpocp.runs_apart import task_of, told_apart
 from nhpocp.shown import Shown
 from nhpocp.solution import Progress, Solution, Solver, telling
 from nhpocp.solvers.unsolved import unsolved
@@ -171,7 +172,7 @@ class Comparison(Shown):
         """The entries problem by problem, in order."""
         by_task: dict[str, list[Entry]] = {}
         for entry in self.entries:
-            by_task.setdefault(_task(entry.solution.problem), []).append(entry)
+            by_task.setdefault(task_of(entry.solution.problem), []).append(entry)
         titles: list[str] = []
         for entries in by_task.values():
             name = entries[0].solution.problem.name
@@ -230,7 +231,7 @@ def compare(
             interruption.patient = False
     missing = [f"{run.problem.name} by {run.variant}" for run in runs[len(entries) :]]
     notes += [f"{STOPPED}; not run: {', '.join(missing)}."] if missing else []
-    return Comparison(entries, notes)
+    return Comparison(_told_apart(entries), notes)
 
 
 def _by_variant(problem: PlanningProblem, variants: Sequence[str]) -> list[Run]:
@@ -270,6 +271,12 @@ def _failure(run: Run, error: Exception, seconds: float) -> Solution:
     return replace(solution, timing={**solution.timing, "verify_s": 0.0, "total_s": seconds})
 
 
+def _told_apart(entries: Sequence[Entry]) -> list[Entry]:
+    """Runs on one task that are called alike, called by what differs between them."""
+    names = told_apart([(entry.solution, entry.variant) for entry in entries])
+    return [replace(entry, variant=name) for entry, name in zip(entries, names, strict=True)]
+
+
 # --- the table ------------------------------------------------------------------------------------------------------
 
 
@@ -292,6 +299,7 @@ def _row(entry: Entry, best: float | None) -> dict[str, Any]:
         "build_s": timing.get("build_s"),
         "solve_s": timing.get("solve_s"),
         "claim_right": entry.claim_right,
+        "basis": basis_words(solution.control.basis) if entry.tried else None,
         "tolerance": solution.tolerance,
         "objective": solution.problem.objective,
         "objective_value": value if entry.tried else None,
@@ -303,6 +311,12 @@ def _row(entry: Entry, best: float | None) -> dict[str, Any]:
         "reason": None if solution.converged else solution.message,
     }
     return {key: _finite(item) for key, item in row.items()}
+
+
+def basis_words(basis: ControlBasis) -> str:
+    """A basis and its size as a file says them: fourier harmonics=2."""
+    size = (f"{key}={value}" for key, value in basis.parameters().items() if isinstance(value, int))
+    return " ".join([basis.kind, *size])
 
 
 EXTREMES = ("least_sigma_s", "least_sigma_w", "leg_length_min", "leg_length_max", "peak_leg_speed")
@@ -339,56 +353,3 @@ def _finite(value: Any) -> Any:
     if isinstance(value, float | np.floating):
         return float(value) if math.isfinite(value) else None
     return value
-
-
-def _task(problem: PlanningProblem) -> str:
-    """What makes two problems the same task: everything but the solvers and the control to begin with."""
-    bounds = [[b.label, np.asarray(b.lower).tolist(), np.asarray(b.upper).tolist()] for b in problem.bounds]
-    parts = [
-        problem.name,
-        [problem.system.model, problem.system.parameters()],
-        [
-            {name: np.asarray(value).tolist() for name, value in part.items()}
-            for part in (problem.start, problem.goal, *(via.goal for via in problem.via))
-        ],
-        [via.share for via in problem.via],
-        [problem.horizon.initial, problem.horizon.minimum, problem.horizon.maximum],
-        [problem.objective, problem.error_length, problem.scale, bounds],
-    ]
-    return json.dumps(parts, default=str)
-
-
-def _told_apart(entries: Sequence[Entry]) -> list[Entry]:
-    """Entries of one task with one name get what differs between them as a variant's name, else a number."""
-    same: dict[tuple[str, str], list[Entry]] = {}
-    for entry in entries:
-        same.setdefault((_task(entry.solution.problem), entry.variant), []).append(entry)
-    used: set[tuple[str, str]] = set()
-    renamed = []
-    for entry in entries:
-        task = _task(entry.solution.problem)
-        label, twins = entry.variant, same[task, entry.variant]
-        if len(twins) > 1:
-            traits = [_traits(twin.solution) for twin in twins]
-            mine = _traits(entry.solution)
-            differing = [key for key in mine if any(other.get(key) != mine[key] for other in traits)]
-            if differing:
-                label += ":" + ",".join(f"{key}={mine[key]}" for key in differing)
-        base, count = label, 1
-        while (task, label) in used:
-            count += 1
-            label = f"{base} ({count})"
-        used.add((task, label))
-        renamed.append(replace(entry, variant=label))
-    return renamed
-
-
-def _traits(solution: Solution) -> dict[str, Any]:
-    """What may differ between runs on one task: the settings, and the control to begin with under the file's names."""
-    basis = solution.problem.basis
-    return {
-        **solution.settings,
-        "control.basis": basis.kind,
-        **{f"control.{key}": value for key, value in basis.parameters().items()},
-        "control.initial": "auto" if solution.problem.initial is None else "given",
-    }

@@ -1,4 +1,4 @@
-"""A comparison as files: report.html, comparison.csv, comparison.json, every solution in `<name>/<variant>`, and the
+"""A comparison as files: report.html, comparison.csv, .tex and .json, every solution in `<name>/<variant>`, and the
 motions of one problem together in `<name>/animation.html`."""
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from nhpocp.solution_folder.auditing import Audit
 from nhpocp.solution_folder.pictures import attempted
 from nhpocp.solution_folder.reading import json_content
 from nhpocp.solution_folder.target import COMPARISON, require_own
+from nhpocp.views.latex_table import latex_table
 from nhpocp.whole import bench, write_file
 
 ANIMATION = "animation.html"
@@ -30,13 +31,15 @@ Report = Callable[[Comparison, Path, Mapping[str, str]], Any]
 Animate = Callable[[Sequence[Entry], Path], Any]
 
 
-def plan(problems: Sequence[PlanningProblem], variants: Sequence[str], home: Path) -> dict[str, Run]:
-    """Every run by its folder under ``home``: both solvers on every problem, and the variants; a variant said twice
-    counts once.
+def plan(
+    problems: Sequence[PlanningProblem], variants: Sequence[str], home: Path, only: bool = False
+) -> dict[str, Run]:
+    """Every run by its folder under ``home``: both solvers on every problem unless ``only``, and the variants; a
+    variant said twice counts once.
 
     Errors: `InvalidProblemError` for a variant that is none, two problems of one name, and folders that are not ours.
     """
-    labels = list(dict.fromkeys([*VARIANTS, *variants]))
+    labels = list(dict.fromkeys([*([] if only else VARIANTS), *variants]))
     runs: dict[str, Run] = {}
     owners: dict[Path, str] = {}
     for problem in problems:
@@ -87,7 +90,7 @@ def write_comparison(
     animate: Animate | None = None,
     missing: Sequence[str] = (),
 ) -> Written:
-    """The three files, each whole or not at all, and an animation a problem.
+    """The four files, each whole or not at all, and an animation a problem.
 
     ``report(comparison, file, animations)`` writes the page, which links the animations, relative addresses by the
     titles of their groups; ``animate(entries, file)`` writes one of them, or nothing where no run moved; ``missing``:
@@ -107,6 +110,9 @@ def write_comparison(
     _write_or_refuse(home / "comparison.json", numbers)
     _write_or_refuse(
         home / "comparison.csv", lambda file: file.write_text(comparison.to_csv(), newline="", **TEXT)
+    )
+    _write_or_refuse(
+        home / "comparison.tex", lambda file: file.write_text(latex_table(comparison), encoding="ascii")
     )
     animations = _write_animations(comparison, home, animate, lost) if animate else {}
     files = [home / name for name in (*COMPARISON, *animations.values())]

@@ -23,7 +23,8 @@ def too_far(problem: PlanningProblem, horizon: float | None, tolerance: float) -
     that fix it. horizon: the longest T [time], None for no limit. tolerance: on E, by which lengths may be off.
     """
     bounds = [bound for bound in problem.bounds if bound.quantity == "u"]
-    if not bounds or horizon is None:
+    legs = any(block.name == "leg_lengths" for _, block in problem.quantities)  # others call inputs u, too
+    if not bounds or horizon is None or not legs:
         return ""
     known = [(0.0, "the start", problem.start), *((via.share, "a via pose", via.goal) for via in problem.via)]
     before: tuple[float, str, Array] | None = None

@@ -29,6 +29,7 @@ from nhpocp.state_space import Block
 from nhpocp.systems.margins import margin
 from nhpocp.systems.quantities import quantities
 from nhpocp.systems.system import System
+from nhpocp.units import Units
 from nhpocp.via import Via
 
 if TYPE_CHECKING:
@@ -54,6 +55,7 @@ class PlanningProblem(ByValue, Frozen, Shown):
     that counts as much as one radian in E. length_scale: divides the rotation columns of the regularity matrices (None:
     the system's own length, else error_length). solvers: solver objects by name, used by `nhpocp.solve`. samples: of
     trajectories. pictures: whether folders have any. reference: known results, for tests.
+    units: words for labels and tables, {"length": "m", "time": "s"}.
     Errors: `InvalidProblemError` where the parts do not fit together; the first, and all `others`.
     """
 
@@ -75,6 +77,7 @@ class PlanningProblem(ByValue, Frozen, Shown):
     samples: int = 201
     pictures: bool = True
     reference: Mapping[str, Any] = field(default_factory=dict)
+    units: Units = field(default_factory=Units)
     source: str | None = field(default=None, init=False, compare=False)  # see `read_from`
 
     def __repr__(self) -> str:
@@ -130,6 +133,7 @@ class PlanningProblem(ByValue, Frozen, Shown):
         expect(self.reference, Mapping, "a mapping", "reference")
         self.written = {"start": self.start, "goal": self.goal, "via": self.via}
         self.horizon = Horizon.of(self.horizon)
+        self.units = Units.of(self.units)
         self.samples = whole_number(self.samples, "output.samples")
         if isinstance(self.initial, str) and self.initial == "auto":
             self.initial = None

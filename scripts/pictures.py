@@ -66,7 +66,7 @@ def save(figure: Any, name: str) -> None:
 
 def motion(solution: nhpocp.Solution) -> Figure:
     """A motion for the gallery: the mechanism at the start and in the middle, the goal as a ghost, the path."""
-    path, system = path_of(solution), solution.problem.system
+    path = path_of(solution)
     points, goal = drawing.path_points(solution, path), drawing.goal_pose(solution)
     poses = drawing.poses_of(solution)[:2]
     shown = [pose.drawing for pose in [*poses, *([goal] if goal else [])]]
@@ -75,7 +75,8 @@ def motion(solution: nhpocp.Solution) -> Figure:
         figure = Figure(figsize=(4.4, 2.2))
         for i, pose in enumerate(poses):
             box = (i / 2, 0.04, 0.48, 0.88)
-            axes = drawing.add_view(figure, box, low, high, drawing.axis_names(system, len(low)), zoom=0.84)
+            names = drawing.axis_names(solution.problem.system, len(low), solution.problem.units)
+            axes = drawing.add_view(figure, box, low, high, names, zoom=0.84)
             if goal:
                 drawing.plot_robot(axes, goal.drawing, ghost=True)
             drawing.plot_robot(axes, pose.drawing)

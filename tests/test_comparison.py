@@ -397,12 +397,12 @@ def test_folders_that_are_not_ours_are_left_alone(tmp_path):
         plan([paper_problem()], [], tmp_path)
 
 
-def test_only_the_three_files_are_replaced(tmp_path):
+def test_only_files_of_ours_are_replaced(tmp_path):
     (tmp_path / "notes.txt").write_text("mine")
     (tmp_path / "comparison.csv").write_text("name,solver,variant,old")
     write_comparison(Comparison.of([made()]), tmp_path, write_report)
     names = sorted(path.name for path in tmp_path.iterdir())
-    assert names == ["comparison.csv", "comparison.json", "notes.txt", "report.html"]
+    assert names == ["comparison.csv", "comparison.json", "comparison.tex", "notes.txt", "report.html"]
     assert (tmp_path / "comparison.csv").read_text() != "name,solver,variant,old"
 
 
@@ -567,3 +567,42 @@ def test_python_says_it_as_the_contract_does(tmp_path):
     comparison = nhpocp.compare([problem], ["jacobian"])
     path = nhpocp.write_report(comparison, tmp_path / "report.html")
     assert path.read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
+
+
+# --- what differs, and what does not ----------------------------------------------------------------------------------
+
+
+def test_one_task_under_several_names_is_one_section():
+    turned = [{"x": 0.1 + 0.2, "y": 0}, {"y": 0.0, "x": 0.3}]
+    problems = [line(name=f"run{i}", start=start) for i, start in enumerate(turned)]
+    comparison = Comparison.of([made(problem=problem) for problem in problems])
+    assert [group.title for group in comparison.groups] == ["run0"]
+    assert [entry.variant for entry in comparison.entries] == ["jacobian:name=run0", "jacobian:name=run1"]
+
+
+def test_files_of_one_task_are_told_apart_as_they_run():
+    comparison = compare([line(name="one", initial=None), line(name="two", initial=None)], ["jacobian"])
+    assert len(comparison.groups) == 1
+    assert [entry.variant for entry in comparison.entries] == ["jacobian:name=one", "jacobian:name=two"]
+
+
+def test_a_row_says_its_basis():
+    rows = Comparison.of([made(problem=line(basis=Fourier(h))) for h in (1, 3)]).rows()
+    assert [row["basis"] for row in rows] == ["fourier harmonics=1", "fourier harmonics=3"]
+
+
+def test_the_two_default_runs_may_be_left_out(tmp_path, capsys):
+    file = tmp_path / "line.yaml"
+    file.write_text(
+        "nhpocp: 1\nsystem: {model: heisenberg}\nstart: {x: 0, y: 0, z: 0}\ngoal: {x: 0, y: 0, z: 1}\n"
+        "output: {pictures: false}\n"
+    )
+    variants = [f"--variant=jacobian:control.harmonics={h}" for h in (1, 2)]
+    assert status(["compare", str(file), "--only", *variants, "-o", str(tmp_path / "out"), "--json"]) == 0
+    runs = json.loads(capsys.readouterr().out)["runs"]
+    assert [run["variant"] for run in runs] == [f"jacobian:control.harmonics={h}" for h in (1, 2)]
+    assert [run["basis"] for run in runs] == [f"fourier harmonics={h}" for h in (1, 2)]
+    table = (tmp_path / "out" / "comparison.tex").read_text()
+    assert "\nharmonics = 2 & fourier harmonics=2 & " in table
+    assert status(["compare", str(file), "--only", "-o", str(tmp_path / "other")]) == 2
+    assert "say some with --variant" in capsys.readouterr().err

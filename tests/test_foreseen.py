@@ -134,6 +134,10 @@ def test_no_motion_that_exists_is_called_too_far(unhurried):
             assert too_far(problem, pace, 1e-3) == ""
 
 
+def test_inputs_called_u_of_a_system_without_legs_are_no_legs():
+    assert too_far(plane(bounds=[Bound("control", "u", -1e-9, 1e-9)]), 1.0, 1e-3) == ""
+
+
 @pytest.mark.parametrize("horizon", [0.02, 1.0, 300.0])
 def test_what_the_legs_cannot_travel_in_time_is_proved(horizon, unhurried):
     lengths = unhurried.trajectory["leg_lengths"]

@@ -1,4 +1,4 @@
-"""The verbs `plot` and `animate`: stored motions as pictures, as a page that plays, or as a film for slides."""
+"""The verb `animate`: stored motions as a page that plays, or as a film for slides."""
 
 from __future__ import annotations
 
@@ -20,26 +20,6 @@ if TYPE_CHECKING:
     from nhpocp.comparison import Entry
 
 FORMATS = ("html", "gif", "mp4")
-
-
-@click.command()
-@click.argument("folder", type=click.Path(path_type=Path))
-@json_option
-def plot(folder: Path, as_json: bool) -> int:
-    """Draw the pictures of the solution in FOLDER, into it."""
-    from nhpocp.solution_folder import load_solution, unwritable
-    from nhpocp.views.figures import write_pictures
-
-    solution = load_solution(folder)
-    try:
-        written = [str(path) for path in write_pictures(solution, folder)]
-    except OSError as error:
-        raise unwritable(folder, error) from error
-    if as_json:
-        put({"folder": str(folder), "pictures": written})
-    else:
-        tell("\n".join(written))
-    return SOLVED
 
 
 @click.command()

@@ -94,8 +94,9 @@ def _pictures(solution: Solution, folder: Path) -> None:
     "variants",
     multiple=True,
     metavar="SOLVER:KEY=VALUE,...",
-    help="One more run on every file, such as nlp:control=basis; repeatable.",
+    help="One more run on every file, such as nlp:control=basis or jacobian:control.harmonics=3; repeatable.",
 )
+@click.option("--only", is_flag=True, help="The variants alone, not the two methods as the file sets them.")
 @set_option
 @click.option(
     "-o",
@@ -110,17 +111,20 @@ def compare(
     files: tuple[Path, ...],
     stored: bool,
     variants: tuple[str, ...],
+    only: bool,
     overrides: tuple[str, ...],
     output: Path,
     as_json: bool,
 ) -> int:
     """Solve every FILE by both methods; compare them.
 
-    Writes report.html, comparison.csv, comparison.json, a solution folder for every run, and
-    NAME/animation.html with the motions of each problem.
+    Writes report.html, comparison.csv, comparison.json, comparison.tex (a table for LaTeX), a
+    solution folder for every run, and NAME/animation.html with the motions of each problem.
     """
-    if stored and (variants or overrides):
-        raise click.UsageError("--from solves nothing: leave out --variant and --set")
+    if stored and (variants or overrides or only):
+        raise click.UsageError("--from solves nothing: leave out --variant, --only and --set")
+    if only and not variants:
+        raise click.UsageError("--only solves the variants alone: say some with --variant")
     with _keeping() as interruption:
         from nhpocp.comparison_folder import load_comparison, write_comparison
 
@@ -129,7 +133,7 @@ def compare(
         if stored:
             comparison = load_comparison(files)
         else:
-            comparison, tasks, missing = _compared(files, variants, overrides, output, as_json)
+            comparison, tasks, missing = _compared(files, variants, only, overrides, output, as_json)
         interruption.patient = True
         with progress(as_json, "writing the report"):
             written = write_comparison(comparison, output, _report, _animation, missing)
@@ -155,14 +159,19 @@ def _animation(entries: Sequence[Entry], file: Path) -> None:
 
 
 def _compared(
-    files: Sequence[Path], variants: Sequence[str], overrides: Sequence[str], home: Path, quiet: bool
+    files: Sequence[Path],
+    variants: Sequence[str],
+    only: bool,
+    overrides: Sequence[str],
+    home: Path,
+    quiet: bool,
 ) -> tuple[Comparison, dict[str, str], list[str]]:
     """Every run, each stored as soon as it has ended; what was typed for every problem's name; what is missing."""
     from nhpocp import comparison
     from nhpocp.comparison_folder import check_home, plan
 
     problems = [load(file, overrides) for file in files]
-    runs = plan(problems, variants, home)
+    runs = plan(problems, variants, home, only)
     check_home(home, [problem.name for problem in problems])
     folders = {id(run): folder for folder, run in runs.items()}
     missing: list[str] = []

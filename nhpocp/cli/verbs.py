@@ -19,7 +19,7 @@ VERBS: Family[click.Command] = Family(
         "compare": "nhpocp.cli.solving:compare",
         "doctor": "nhpocp.cli.listing:doctor",
         "init": "nhpocp.cli.starting:init",
-        "plot": "nhpocp.cli.animating:plot",
+        "plot": "nhpocp.cli.plotting:plot",
         "schema": "nhpocp.cli.starting:schema",
         "solve": "nhpocp.cli.solving:solve",
         "systems": "nhpocp.cli.listing:systems",

@@ -22,6 +22,7 @@ from nhpocp.problem_file.states import Strict, plain_state
 from nhpocp.solvers.registry import SOLVERS, made_solver
 from nhpocp.solvers.settings import KERNELS
 from nhpocp.systems.system import System
+from nhpocp.units import Units
 from nhpocp.via import Via
 
 if TYPE_CHECKING:
@@ -68,6 +69,7 @@ def assembled(data: ProblemData, system: System) -> PlanningProblem:
             samples=data.output.samples,
             pictures=data.output.pictures,
             reference=data.reference.model_dump(exclude_none=True),
+            units=Units(**data.units.model_dump()),
         ),
         None,
     )

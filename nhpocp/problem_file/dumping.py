@@ -38,6 +38,7 @@ def _data(problem: PlanningProblem, settings: Mapping[str, Mapping[str, Any]]) -
         "nhpocp": 1,
         "name": problem.name,
         "system": {"model": problem.system.model, **problem.system.parameters()},
+        "units": problem.units.stated() or None,
         "start": _state(problem, problem.start),
         "goal": _state(problem, problem.goal),
         "horizon": (

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import BeforeValidator, ConfigDict, Discriminator, Field, StrictBool, Tag, create_model
 
-from nhpocp.errors import describe
+from nhpocp.errors import InvalidProblemError, describe
 from nhpocp.objectives.registry import OBJECTIVES, costs_of_motion
 from nhpocp.problem_file.constraints import Constraints
 from nhpocp.problem_file.control import BLOCKS, DEFAULT, ControlData
@@ -24,6 +24,7 @@ from nhpocp.problem_file.numbers import (
 from nhpocp.problem_file.settings import Solvers, absent
 from nhpocp.problem_file.states import State, StateValue, Strict
 from nhpocp.solvers.registry import SOLVERS
+from nhpocp.units import LONGEST, unit_name
 
 VERSION = 1
 
@@ -55,6 +56,23 @@ def _text(value: Any) -> str:
 Version = Annotated[int, Checked(_version, {"const": VERSION})]
 Name = Annotated[str, Checked(_name, {"type": ["string", "integer"], "minLength": 1})]
 Text = Annotated[str, Checked(_text, {"type": "string"})]
+
+
+def _unit(value: Any) -> str:
+    try:
+        return unit_name(value)
+    except InvalidProblemError as error:
+        raise ValueError(error.message) from None
+
+
+UnitName = Annotated[str, Checked(_unit, {"type": "string", "minLength": 1, "maxLength": LONGEST})]
+
+
+class UnitsData(Strict):
+    """Words for units, in labels, headers and exports; nothing is converted."""
+
+    length: UnitName | None = Field(default=None, description="such as m or mm")
+    time: UnitName | None = Field(default=None, description="such as s")
 
 
 class FreeHorizon(Strict):
@@ -138,6 +156,9 @@ class ProblemData(Strict):
     nhpocp: Version = Field(description="schema version")
     name: Name | None = Field(default=None, description="default: the file's stem")
     system: dict[str, Any] = Field(description="the model and its parameters")
+    units: Annotated[UnitsData, BeforeValidator(absent)] = Field(
+        default_factory=lambda: UnitsData(), description="words for labels and headers; nothing is converted"
+    )
     start: State = Field(description="a value for every block of the state")
     goal: State = Field(
         description="a value for every block that matters, or for an output of the pose; what is left out is free"

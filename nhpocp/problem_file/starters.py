@@ -50,6 +50,7 @@ def starter(model: str = "three_upu", schema: str = "nhpocp.schema.json") -> str
         _line("nhpocp: 1", "version of this format"),
         *_options(ProblemData, ["name"]),
         *_system(cls, model),
+        _option("units", {"length": "m", "time": "s"}, ProblemData.model_fields["units"].description or ""),
         *_ends(cls, system, task),
         _line(
             f"horizon: {task.get('horizon', 1)}",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING, Any
 
+from nhpocp import variant_label
 from nhpocp.errors import InvalidProblemError, suggestion
 from nhpocp.problem_file.dumping import dump_problem
 from nhpocp.problem_file.reading import parse_problem
@@ -17,10 +18,11 @@ if TYPE_CHECKING:
 def overrides(label: str) -> tuple[str, list[str]]:
     """The solver of a variant and what it sets: ("nlp", ["solvers.nlp.control=basis"]) of `nlp:control=basis`.
 
+    A key that begins with `control.` is one of the file's block `control`; with `control.basis` among them, they are
+    all of the block, since no basis knows the keys and coefficients of another.
     Errors: `InvalidProblemError` for another form or an unknown solver.
     """
-    name, colon, rest = label.partition(":")
-    settings = rest.split(",") if colon else []
+    name, settings = variant_label.parts(label)
     form = "expected solver:key=value,key=value, such as nlp:control=basis"
     if name not in SOLVERS:
         raise InvalidProblemError(
@@ -28,7 +30,16 @@ def overrides(label: str) -> tuple[str, list[str]]:
         )
     if not all(re.fullmatch(r"\s*[\w.]+\s*=\s*\S.*", setting) for setting in settings):
         raise InvalidProblemError(f"--variant {label}: {form}")
-    return name, [f"solvers.{name}.{setting.strip()}" for setting in settings]
+    own = [setting for setting in settings if not setting.startswith("control.")]
+    block = [setting.removeprefix("control.") for setting in settings if setting not in own]
+    changes = [f"solvers.{name}.{setting}" for setting in own]
+    if any(re.match(r"basis\s*=", setting) for setting in block):
+        pairs = (setting.partition("=") for setting in block)
+        return name, [
+            *changes,
+            f"control={{{', '.join(f'{key.strip()}: {value}' for key, _, value in pairs)}}}",
+        ]
+    return name, [*changes, *(f"control.{setting}" for setting in block)]
 
 
 def variant(problem: PlanningProblem, label: str) -> tuple[PlanningProblem, Any]:

@@ -21,9 +21,9 @@ from nhpocp.objectives.registry import costs_of_motion, exact_costs
 from nhpocp.outcome import Outcome
 from nhpocp.problem_file.dumping import writable
 from nhpocp.solution import Solution, Verdict
+from nhpocp.solution_folder.columns import columns
 from nhpocp.solution_folder.plain_data import checksum, plain, to_json
 from nhpocp.solution_folder.reading import content, json_content, load_solution
-from nhpocp.solution_folder.tables import trajectory_table
 from nhpocp.verification import verify
 from nhpocp.verification.costs import replayed_costs
 
@@ -235,23 +235,28 @@ class _Comparison:
         file = self.home / "trajectory.csv"
         if not file.exists():
             return
-        names, columns = trajectory_table(self.stored)
+        every = columns(self.stored)
         try:
             text = content(file).decode("utf-8", errors="replace")
         except (OSError, InvalidProblemError) as error:
             yield f"trajectory.csv cannot be read: {getattr(error, 'strerror', None) or error}"
             return
         header, *rows = list(csv.reader(io.StringIO(text, newline=""))) or [[]]
-        if header != [as_text(name) for name in names]:
+        former = [column for column in every if column.entry]
+        if header == [as_text(column.entry) for column in former]:  # of version 0.1
+            every = former
+        elif header != [column.name for column in every]:
             yield "trajectory.csv: its header is not that of this trajectory"
-        elif len(rows) != len(columns) or any(len(row) != len(names) for row in rows):
-            yield f"trajectory.csv has {len(rows)} rows; the trajectory has {len(columns)}"
+            return
+        table = np.column_stack([column.values for column in every])
+        if len(rows) != len(table) or any(len(row) != len(header) for row in rows):
+            yield f"trajectory.csv has {len(rows)} rows; the trajectory has {len(table)}"
         else:
             numbers = np.array([[_number(cell) for cell in row] for row in rows])
-            wanted = np.where(np.isfinite(columns), columns, np.inf)
+            wanted = np.where(np.isfinite(table), table, np.inf)
             for k, i in np.argwhere(~np.isclose(numbers, wanted, rtol=COPIED, atol=1e-12))[:1]:
                 cell = rows[k][i] or "empty"
-                yield f"trajectory.csv: {names[i]} is {cell} in row {k + 1}; the trajectory has {columns[k, i]:.9g}"
+                yield f"trajectory.csv: {header[i]} is {cell} in row {k + 1}; the trajectory has {table[k, i]:.9g}"
 
 
 def _number(cell: str) -> float:

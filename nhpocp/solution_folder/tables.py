@@ -11,6 +11,7 @@ import numpy as np
 from nhpocp.csv_writer import write_table
 from nhpocp.errors import MissingDependencyError
 from nhpocp.solution import Solution
+from nhpocp.solution_folder.columns import columns
 
 # what a reader looks for first; further keys follow in the order in which the records name them
 FIRST = ("k", "attempt", "error", "objective", "step", "gamma", "rank", "sigma_jacobian")
@@ -18,19 +19,15 @@ LAST = ("accepted",)
 
 
 def write_trajectory(solution: Solution, file: Path) -> None:
-    """A row per sample: time, then every number of every quantity."""
-    _write(file, *trajectory_table(solution))
+    """A row per sample: time, then every number of every quantity, then what follows from them."""
+    every = columns(solution)
+    _write(file, [column.name for column in every], np.column_stack([column.values for column in every]))
 
 
-def trajectory_table(solution: Solution) -> tuple[list[str], np.ndarray]:
-    """The names and the columns of that table."""
-    names, columns = [], []
-    for name, values in solution.trajectory.items():
-        table = np.asarray(values).reshape(len(values), -1)
-        shape = np.asarray(values).shape[1:]
-        names += [name + "".join(f"[{i}]" for i in index) for index in np.ndindex(*shape)]
-        columns.append(table)
-    return names, np.hstack(columns)
+def write_columns(solution: Solution, file: Path) -> None:
+    """A row per column of that table: its unit, where its numbers stand in arrays.npz, and what they are."""
+    rows = [(column.name, column.unit, column.entry, column.meaning) for column in columns(solution)]
+    _write(file, ("column", "unit", "entry", "meaning"), rows)
 
 
 def data_frame(solution: Solution) -> Any:
@@ -42,8 +39,7 @@ def data_frame(solution: Solution) -> Any:
         raise MissingDependencyError(
             f'{words}pip install "nhpocp[notebook]", or pip install pandas'
         ) from error
-    names, columns = trajectory_table(solution)
-    return pandas.DataFrame(columns, columns=names)
+    return pandas.DataFrame({column.name: column.values for column in columns(solution)})
 
 
 def write_iterations(solution: Solution, file: Path) -> None:

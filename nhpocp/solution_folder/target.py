@@ -13,16 +13,31 @@ from nhpocp.errors import InvalidProblemError
 from nhpocp.problem_file.document import open_file
 from nhpocp.whole import Bench, bench, exchange, sweep
 
-DATA = ("problem.yaml", "solution.json", "trajectory.csv", "iterations.csv", "arrays.npz", "solver.log")
+DATA = (
+    "problem.yaml",
+    "solution.json",
+    "trajectory.csv",
+    "columns.csv",
+    "iterations.csv",
+    "arrays.npz",
+    "solver.log",
+)
 PICTURES = ("controls", "relative_pose", "convergence", "margins", "robot", "failure")
+KINDS = ("png", "svg", "pdf")  # of picture files
 ANIMATIONS = ("animation.html", "animation.gif", "animation.mp4")
 ANALYSIS = ("analysis.json", "map.npz")  # of `nhpocp analyze`, and its pictures
 ANALYSIS_PICTURES = ("singularity_map", "along_guess", "agility")
-COMPARISON = ("report.html", "comparison.csv", "comparison.json")  # beside the folders of the problems
+COMPARISON = (
+    "report.html",
+    "comparison.csv",
+    "comparison.tex",
+    "comparison.json",
+)  # beside the folders of the problems
 # what stands near the beginning or the end of such a file of ours, the first version's included; a table's is its head
 SIGNED = {
     "report.html": (b'content="nhpocp compare"', b"dl.facts { display: grid;"),
     "comparison.csv": (b"name,solver,variant,",),
+    "comparison.tex": (b"% nhpocp compare",),
     "comparison.json": (b'"schema_version"',),
     "animation.html": (b"nhpocp animate",),
 }
@@ -31,7 +46,7 @@ OWN = {
     *DATA,
     *ANIMATIONS,
     *ANALYSIS,
-    *(f"{name}.{kind}" for name in _DRAWN for kind in ("png", "svg", "pdf")),
+    *(f"{name}.{kind}" for name in _DRAWN for kind in KINDS),
 }
 
 

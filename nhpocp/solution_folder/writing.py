@@ -17,7 +17,7 @@ from nhpocp.problem_file import dump_problem
 from nhpocp.solution import Solution
 from nhpocp.solution_folder.pictures import drawn
 from nhpocp.solution_folder.plain_data import as_text, to_json
-from nhpocp.solution_folder.tables import write_iterations, write_trajectory
+from nhpocp.solution_folder.tables import write_columns, write_iterations, write_trajectory
 from nhpocp.solution_folder.target import check_target, unwritable, write_whole
 from nhpocp.whole import write_text
 
@@ -87,6 +87,7 @@ def _write(solution: Solution, folder: Path, trace: bool) -> None:
     arrays: dict[str, Any] = {name: np.asarray(values) for name, values in solution.trajectory.items()}
     np.savez_compressed(folder / "arrays.npz", **arrays)
     write_trajectory(solution, folder / "trajectory.csv")
+    write_columns(solution, folder / "columns.csv")
     if trace:
         write_iterations(solution, folder / "iterations.csv")
     (folder / "solver.log").write_text(solution.log or _log(solution), encoding="utf-8")

@@ -206,7 +206,7 @@ def along_guess(analysis: Analysis) -> Figure:
         vectors = sorted({str(path.growth[i].vector) for i in path.irregular})
         words = f"growth vector {' or '.join(vectors if len(vectors) < 4 else [*vectors[:2], 'others'])}"
         axes.plot(path.times[path.irregular], np.full(len(path.irregular), floor), label=words, **CROSSING)
-    time_axis(axes, path.times[-1], path.times[-1])
+    time_axis(axes, path.times[-1], path.times[-1], analysis.problem.units.time)
     axes.set_ylabel("least singular value [–]")
     margin_axis(axes, seen)
     legend_above(axes, 3, **COMPACT)

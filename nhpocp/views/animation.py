@@ -84,7 +84,8 @@ def render(entries: Sequence[Entry], samples: int | None = None) -> str:
     most = samples or max(LEAST, SAMPLES // len(entries))
     runs = [run(entry.solution, name, most) for entry, name in zip(entries, names, strict=True)]
     horizon = max(path_of(entry.solution).times[-1] for entry in entries)
-    data = {"horizon": float(horizon), "runs": runs}
+    unit = entries[0].solution.problem.units.time or ""
+    data = {"horizon": float(horizon), "time_unit": unit, "runs": runs}
     _one_box(entries, runs)
     times = sorted({crossing["t"] for run in runs for crossing in run["crossings"]})
     text = json.dumps(data, allow_nan=False, ensure_ascii=False, separators=(",", ":"))

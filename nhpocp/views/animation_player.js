@@ -21,10 +21,11 @@ function frame() {
   const began = performance.now();
   data.runs.forEach((run, i) => scenes[i].draw(place(run.times, time)));
   for (const view of views) view.update(time);
-  byId("clock").textContent = `t = ${time.toFixed(3)}`;
+  const unit = data.time_unit && ` ${data.time_unit}`;
+  byId("clock").textContent = `t = ${time.toFixed(3)}${unit}`;
   const slider = byId("time");
   slider.value = String(time);
-  slider.setAttribute("aria-valuetext", `t = ${time.toFixed(3)} of ${data.horizon}`);
+  slider.setAttribute("aria-valuetext", `t = ${time.toFixed(3)} of ${data.horizon}${unit}`);
   frameTimes.push(performance.now() - began);
   if (frameTimes.length > 2000) frameTimes.shift();
 }

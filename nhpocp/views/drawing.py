@@ -17,8 +17,9 @@ from nhpocp.arrays import Array
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Solution
 from nhpocp.systems.system import System
+from nhpocp.units import Units
 from nhpocp.views.finite_path import FinitePath, path_of, quantity
-from nhpocp.views.labels import axis_label, symbol, unit_words
+from nhpocp.views.labels import UNNAMED, axis_label, symbol
 from nhpocp.views.style import COLOURS, GREY, line_style
 
 ELEVATION, AZIMUTH = 20.0, -62.0  # degrees
@@ -84,10 +85,10 @@ def dimension(drawn: Mapping[str, Any]) -> int:
     return int(np.shape(items[0])[-1]) if items else 3
 
 
-def axis_names(system: System, numbers: int) -> list[str]:
+def axis_names(system: System, numbers: int, units: Units = UNNAMED) -> list[str]:
     """x, y, z, with the unit of a state that has lengths."""
     lengths = any(block.unit == "length" for block in system.state_space.blocks)
-    return [axis_label("", name, unit_words("length") if lengths else "") for name in SPACE[:numbers]]
+    return [axis_label("", name, units.words("length") if lengths else "") for name in SPACE[:numbers]]
 
 
 def extent(*drawings: Mapping[str, Any], points: Array) -> tuple[Array, Array]:

@@ -27,8 +27,10 @@ from nhpocp.views.style import (
     ALARM,
     COLOURS,
     COMPACT,
+    OWN_SIZE,
     PANEL,
     Picture,
+    Room,
     legend_above,
     line_style,
     say,
@@ -44,14 +46,19 @@ _THIN_ALARM = {"color": ALARM, "linewidth": 0.9, "linestyle": ":", "zorder": 1.5
 _Plot = Callable[[Any, Solution], None]  # onto axes
 
 
-def failure(solution: Solution) -> Figure:
-    """The records on the left, if there are any; the last path, or its two ends alone, on the right."""
+def failure(solution: Solution, room: Room = OWN_SIZE) -> Figure:
+    """The records on the left, if there are any; the last path, or its two ends alone, on the right, or below."""
     columns = [plots for plots in (_of_records(solution), _of_path(solution)) if plots]
     size = (2 * PANEL[0], HEIGHT) if len(columns) > 1 else (NARROW, PANEL[1] + 0.4)
-    figure = Picture(figsize=size, layout=ConstrainedLayoutEngine(w_pad=0.06, h_pad=0.05))
-    grid = figure.add_gridspec(1, len(columns))
+    across = room.columns(len(columns))
+    down = len(columns) // across
+    width = room.width or size[0]
+    figure = Picture(
+        figsize=(width, room.height or down * size[1]), layout=ConstrainedLayoutEngine(w_pad=0.06, h_pad=0.05)
+    )
+    grid = figure.add_gridspec(down, across)
     for i, rows in enumerate(columns):
-        cells = grid[0, i].subgridspec(len(rows), 1)
+        cells = grid[divmod(i, across)].subgridspec(len(rows), 1)
         for j, plot in enumerate(rows):
             plot(figure.add_subplot(cells[j, 0]), solution)
     say(figure, [f"{_title(solution)}: {_short(solution)}", _cut_words(solution)])
@@ -131,7 +138,7 @@ def _evaluation_axis(axes: Any, solution: Solution) -> None:
 def plot_errors(axes: Any, solution: Solution) -> None:
     """E of every evaluation on a log axis; what was refused, and what was not finite."""
     errors, good = positive(column(solution.iterations, "error")), accepted(solution.iterations)
-    _by_evaluation(axes, solution, errors, r"error $\mathcal{E}$", color=COLOURS[0])
+    _by_evaluation(axes, solution, errors, r"error $\mathscr{E}$", color=COLOURS[0])
     if not good.all():
         axes.plot([], [], label="refused", **trial_style(1), color=COLOURS[0])
     axes.axhline(solution.tolerance, label=f"tolerance {solution.tolerance:g}", **plots.REFERENCE)
@@ -183,7 +190,8 @@ def _cut_words(solution: Solution) -> str | None:
 def _finish(axes: Any, solution: Solution, label: str, columns: int) -> None:
     """Time up to T, or to a little more than where the path ends; the label and the legend."""
     end, horizon = _end(solution), float(solution.control.horizon)
-    plots.time_axis(axes, end, min(horizon, 1.3 * end) if end > 0 else horizon)
+    unit = solution.problem.units.time
+    plots.time_axis(axes, end, min(horizon, 1.3 * end) if end > 0 else horizon, unit)
     axes.set_ylabel(label)
     legend_above(axes, columns, **COMPACT)
 
@@ -206,7 +214,8 @@ def plot_broken(axes: Any, solution: Solution, report: BoundReport) -> None:
 
 
 def _bound_words(solution: Solution, report: BoundReport) -> str:
-    _, mathtext, unit = notation(solution.problem.system, report.bound.quantity)
+    problem = solution.problem
+    _, mathtext, unit = notation(problem.system, report.bound.quantity, units=problem.units)
     return axis_label(report.bound.label.partition(".")[0].replace("_", " "), mathtext, unit)
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,51 +20,70 @@ from nhpocp.outcome import Outcome
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Solution
 from nhpocp.systems.system import System
+from nhpocp.units import Units
 from nhpocp.views import drawing, plots
 from nhpocp.views import failure as failures
 from nhpocp.views.drawing import Pose
 from nhpocp.views.finite_path import path_of, quantity
+from nhpocp.views.labels import UNNAMED
 from nhpocp.views.panels import Panel, crossing_words, margins_of, merged, of_group, panels
 from nhpocp.views.records import error_history
-from nhpocp.views.style import COLOURS, GREY, PANEL, Picture, axes_grid, line_style, say, sheet, styled
+from nhpocp.views.style import (
+    COLOURS,
+    GREY,
+    OWN_SIZE,
+    Picture,
+    Room,
+    axes_grid,
+    line_style,
+    say,
+    sheet,
+    styled,
+)
+from nhpocp.views.svg_text import text_svg
 from nhpocp.whole import write_files
 
+VIEW = (2.35, 2.42)  # inches: one view of a mechanism
 
-def _only_words(words: str) -> Figure:
-    figure = Picture(figsize=PANEL)
-    figure.text(0.5, 0.5, textwrap.fill(words, 44), ha="center", va="center", fontsize=9, color=GREY)
+
+def _only_words(words: str, room: Room) -> Figure:
+    width, height = room.panel(1)
+    figure = Picture(figsize=(width, room.height or height))
+    figure.text(
+        0.5, 0.5, textwrap.fill(words, int(12.5 * width)), ha="center", va="center", fontsize=9, color=GREY
+    )
     return figure
 
 
 @styled
-def controls(solution: Solution) -> Figure:
+def controls(solution: Solution, room: Room = OWN_SIZE) -> Figure:
     """Controls and leg lengths, or the state's own numbers where there are no legs. [Paper] Fig. 2."""
     every = panels(solution)
     states = of_group(every, "state")
     shown = of_group(every, "leg")[:1] or ([merged(states)] if states else [])
-    return _over_time(solution, [*of_group(every, "control"), *shown])
+    return _over_time(solution, [*of_group(every, "control"), *shown], room)
 
 
 @styled
-def relative_pose(solution: Solution) -> Figure:
+def relative_pose(solution: Solution, room: Room = OWN_SIZE) -> Figure:
     """The path relative to the goal, one panel a kind of error. [Paper] Fig. 3."""
-    return _over_time(solution, of_group(panels(solution), "error"))
+    return _over_time(solution, of_group(panels(solution), "error"), room)
 
 
 @styled
-def margins(solution: Solution) -> Figure:
+def margins(solution: Solution, room: Room = OWN_SIZE) -> Figure:
     """Distance from the singularities along the path, and those that it crosses."""
     shown = of_group(panels(solution), "margin")
     if not shown:
-        return _only_words("This system names no matrix whose singularity would have to be watched.")
-    return _over_time(solution, shown, crossing_words(solution))
+        return _only_words("This system names no matrix whose singularity would have to be watched.", room)
+    return _over_time(solution, shown, room, crossing_words(solution))
 
 
-def _over_time(solution: Solution, shown: Sequence[Panel], words: Iterable[str] = ()) -> Figure:
+def _over_time(solution: Solution, shown: Sequence[Panel], room: Room, words: Iterable[str] = ()) -> Figure:
     if not shown:
-        return _only_words("This system has neither inputs nor numbers that change over time.")
+        return _only_words("This system has neither inputs nor numbers that change over time.", room)
     path = path_of(solution)
-    figure, grid = axes_grid(len(shown))
+    figure, grid = axes_grid(len(shown), room=room)
     for axes, panel in zip(grid, shown, strict=True):
         plots.draw(axes, panel, path)
     say(figure, [*words, path.words])
@@ -71,48 +91,74 @@ def _over_time(solution: Solution, shown: Sequence[Panel], words: Iterable[str] 
 
 
 @styled
-def convergence(solution: Solution) -> Figure:
+def convergence(solution: Solution, room: Room = OWN_SIZE) -> Figure:
     """The error over the iterations, with the decay that theory promises. [Paper] eqs. (9), (17)."""
     if not np.isfinite(error_history(solution)[1]).any():
-        return _only_words("The solver recorded no error: there is no convergence to draw.")
-    figure, (axes,) = axes_grid(1)
+        return _only_words("The solver recorded no error: there is no convergence to draw.", room)
+    figure, (axes,) = axes_grid(1, room=room)
     plots.draw_convergence(axes, solution)
     return figure
 
 
 @styled
-def robot(solution: Solution) -> Figure:
+def robot(solution: Solution, room: Room = OWN_SIZE) -> Figure:
     """The mechanism at the start, in the middle and at the end, or the bare path where a system draws nothing."""
     poses = drawing.poses_of(solution)
     if not poses[0].drawing["lines"]:
-        return _bare_path(solution)
+        return _bare_path(solution, room)
     path, problem = path_of(solution), solution.problem
     points, goal = drawing.path_points(solution, path), drawing.goal_pose(problem)
-    figure = mechanism(problem.system, poses, goal, points)
+    figure = mechanism(problem.system, poses, goal, points, problem.units, room)
     entries = drawing.legend_entries(poses[0].drawing)
     entries += [("path", {"color": COLOURS[6], "linewidth": 1.1})] if len(points) else []
     entries += [("goal", {"color": "0.45", "linewidth": 0.7, "linestyle": (0, (4, 2))})] if goal else []
     handles = [Line2D([], [], label=words, **style) for words, style in entries]
-    figure.legend(handles=handles, loc="lower center", ncols=len(handles), bbox_to_anchor=(0.5, 0.015))
+    columns = len(handles) if _columns(len(poses), room) == len(poses) else 4
+    figure.legend(handles=handles, loc="lower center", ncols=columns, bbox_to_anchor=(0.5, 0.015))
     say(figure, [path.words])
     return figure
 
 
-def mechanism(system: System, poses: Sequence[Pose], goal: Pose | None, points: Array) -> Figure:
+def mechanism(
+    system: System,
+    poses: Sequence[Pose],
+    goal: Pose | None,
+    points: Array,
+    units: Units = UNNAMED,
+    room: Room = OWN_SIZE,
+) -> Figure:
     """Poses of a mechanism side by side, with the dashed goal and the path (samples, 3 or 2) where there are any."""
     shown = [pose.drawing for pose in poses] + ([goal.drawing] if goal else [])
     low, high = drawing.extent(*shown, points=points)
-    names, count = drawing.axis_names(system, len(low)), len(poses)
-    figure = Picture(figsize=(max(count, 1.5) * 2.35, 2.75))
-    for i, pose in enumerate(poses):
-        box = (i / count, 0.12, 0.96 / count, 0.82)  # room for the name of the z axis
+    names = drawing.axis_names(system, len(low), units)
+    figure, boxes = _views(len(poses), room)
+    for pose, (left, bottom, width, height) in zip(poses, boxes, strict=True):
+        # room for the name of the z axis, and for words over the view
+        box = (left, bottom, 0.96 * width, 0.93 * height)
         axes = drawing.add_view(figure, box, low, high, names, zoom=0.84)
         if goal:
             drawing.plot_robot(axes, goal.drawing, ghost=True)
         drawing.plot_robot(axes, pose.drawing)
         drawing.plot_path(axes, points)
-        figure.text((i + 0.5) / count, 0.955, pose.words, ha="center", va="center")
+        figure.text(left + width / 2, bottom + 0.95 * height, pose.words, ha="center", va="center")
     return figure
+
+
+def _columns(count: int, room: Room) -> int:
+    """How many of so many views stand side by side."""
+    return room.columns(count, VIEW[0] / 1.5)
+
+
+def _views(count: int, room: Room) -> tuple[Figure, list[tuple[float, float, float, float]]]:
+    """A figure for so many views, and their boxes in fractions of it, over a legend."""
+    columns = _columns(count, room)
+    rows, foot = -(-count // columns), 0.33 if columns == count else 0.5  # inches
+    width, height = room.panel(columns, (max(1.0, 1.5 / count) * VIEW[0], VIEW[1]), 1.1)
+    whole = room.height or rows * height + foot
+    figure = Picture(figsize=(columns * width, whole))
+    low, tall = foot / whole, (1 - foot / whole) / rows
+    places = [divmod(i, columns) for i in range(count)]
+    return figure, [(j / columns, low + (rows - 1 - i) * tall, 1 / columns, tall) for i, j in places]
 
 
 def task(problem: PlanningProblem) -> Figure | None:
@@ -128,12 +174,13 @@ def standing(system: System, pose: Pose, goal: Pose | None = None) -> Figure:
         return mechanism(system, [pose], goal, np.empty((0, drawing.dimension(pose.drawing))))
 
 
-def _bare_path(solution: Solution) -> Figure:
+def _bare_path(solution: Solution, room: Room = OWN_SIZE) -> Figure:
     """The first numbers of the state against each other, or the tips of the body's axes of a rotation."""
     path, states = path_of(solution), of_group(panels(solution), "state")
     if not path.samples:
-        return _only_words(path.words or "There is no path to draw.")
-    figure = Picture(figsize=(PANEL[0], PANEL[0]))
+        return _only_words(path.words or "There is no path to draw.", room)
+    side = room.panel(1)[0]
+    figure = Picture(figsize=(side, room.height or side))
     if states:
         curves = merged(states).curves[:3]
         shown = np.column_stack([curve.values for curve in curves])
@@ -150,12 +197,12 @@ def _bare_path(solution: Solution) -> Figure:
 
 
 @styled
-def failure(solution: Solution) -> Figure:
+def failure(solution: Solution, room: Room = OWN_SIZE) -> Figure:
     """Why a solve failed: error and margins by evaluation, and where the last path is in trouble."""
-    return failures.failure(solution)
+    return failures.failure(solution, room)
 
 
-FIGURES: dict[str, Callable[[Solution], Figure]] = {
+FIGURES: dict[str, Callable[..., Figure]] = {
     "controls": controls,
     "relative_pose": relative_pose,
     "convergence": convergence,
@@ -173,11 +220,23 @@ def names_of(solution: Solution) -> list[str]:
     return [name for name in FIGURES if name not in silent]
 
 
-def save(figure: Figure, file: Path) -> Path:
-    """A figure as a file whose bytes depend on the figure alone: no date, no random names."""
-    dateless = {".svg": {"Date": None}, ".pdf": {"CreationDate": None, "ModDate": None}}
+DATELESS: dict[str, dict[str, Any]] = {
+    ".svg": {"Date": None},
+    ".pdf": {"CreationDate": None, "ModDate": None},
+}
+
+
+def save(figure: Figure, file: Path, text: bool = False) -> Path:
+    """A figure as a file whose bytes depend on the figure alone: no date, no random names.
+
+    text: whether the letters of an SVG stay letters, which takes a tenth of a second; else they are outlines.
+    """
+    kind = file.suffix.lower()
     with sheet():
-        figure.savefig(file, metadata=dateless.get(file.suffix.lower(), {}))
+        if text and kind == ".svg":
+            file.write_text(text_svg(figure, DATELESS[kind]), encoding="utf-8")
+        else:
+            figure.savefig(file, metadata=DATELESS.get(kind, {}))
     return file
 
 
@@ -186,12 +245,16 @@ def write_pictures(
     folder: Path,
     formats: Sequence[str] = ("svg", "png"),
     names: Iterable[str] | None = None,
+    room: Room = OWN_SIZE,
+    text: bool = False,
 ) -> list[Path]:
     """Every picture (`names_of`), or those named, in every format; the files written, in that order.
 
-    Each is written whole, and none unless all can be: a full disk leaves the older ones.
+    room: what each may take of a page; panels that find no place side by side stand one under another. text: as of
+    `save`. Each file is written whole, and none unless all can be: a full disk leaves the older ones.
     """
-    return write_all(FIGURES, solution, folder, formats, names_of(solution) if names is None else names)
+    figures = {name: partial(make, room=room) for name, make in FIGURES.items()}
+    return write_all(figures, solution, folder, formats, names_of(solution) if names is None else names, text)
 
 
 def write_all(
@@ -200,6 +263,7 @@ def write_all(
     folder: Path,
     formats: Sequence[str],
     names: Iterable[str],
+    text: bool = False,
 ) -> list[Path]:
     """Those of these figures of a subject that are named, as files."""
     files = {name: [f"{name}.{kind}" for kind in formats] for name in names}
@@ -208,7 +272,7 @@ def write_all(
         for name, made in files.items():
             figure = figures[name](subject)
             for file in made:
-                save(figure, scratch / file)
+                save(figure, scratch / file, text)
 
     write_files(Path(folder), draw)
     return [Path(folder) / file for made in files.values() for file in made]

@@ -20,6 +20,7 @@ class FinitePath:
     samples: int
     stored: int
     horizon: float
+    time_unit: str | None = None  # as the problem calls it
 
     @property
     def end(self) -> float:
@@ -51,7 +52,8 @@ def path_of(solution: Solution) -> FinitePath:
         flat = values.reshape(len(times), -1)
         good &= (np.nan_to_num(np.abs(flat), nan=np.inf) < LARGEST).all(axis=1)
     samples = len(times) if good.all() else int(np.argmin(good))
-    return FinitePath(times[:samples], samples, len(times), float(solution.control.horizon))
+    horizon, unit = float(solution.control.horizon), solution.problem.units.time
+    return FinitePath(times[:samples], samples, len(times), horizon, unit)
 
 
 def quantity(solution: Solution, name: str, path: FinitePath) -> Array:

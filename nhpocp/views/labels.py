@@ -8,12 +8,13 @@ from typing import NamedTuple
 
 from markupsafe import Markup, escape
 
-from nhpocp.state_space import Unit, scalar
+from nhpocp.state_space import scalar
 from nhpocp.systems.margins import margin, sigma
 from nhpocp.systems.system import System
+from nhpocp.units import Units
 
 LEGS = ("leg_lengths", "u")  # the quantities of legs
-_UNITS = {"length": "length", "angle": "rad", "": ""}
+UNNAMED = Units()
 _GREEK = dict(
     zip(
         ("alpha", "beta", "gamma", "theta", "phi", "psi", "omega", "sigma", "lambda", "kappa"),
@@ -35,23 +36,18 @@ class Notation(NamedTuple):
     unit: str
 
 
-def notation(system: System, name: str, *place: int) -> Notation:
-    """Words, symbol and unit of an entry of a system's trajectories; ``place`` picks a component."""
+def notation(system: System, name: str, *place: int, units: Units = UNNAMED) -> Notation:
+    """Words, symbol and unit of an entry of a system's trajectories; ``place`` picks a component;
+    inputs are rates of what their unit says."""
     blocks = {block.name: block for block in (*system.state_space.blocks, *(system.output_blocks or ()))}
     inputs = {block.name: block for block in system.input_space.blocks}
     if margin(name):
         return Notation("least singular value", symbol(name), "–")
     block = inputs.get(name) or blocks.get(name) or scalar(name)
     # the numbers of a unit vector are none of its angle
-    unit = "" if block.kind == "direction" else unit_words(block.unit, block.rate or name in inputs)
+    unit = "" if block.kind == "direction" else units.words(block.unit, block.rate or name in inputs)
     words = "control" if name in inputs else block.words
     return Notation(words, symbol(block.symbol or name, *place), unit)
-
-
-def unit_words(unit: Unit, rate: bool = False) -> str:
-    """A unit as axes name it; inputs are rates of what their unit says."""
-    words = _UNITS[unit]
-    return f"{words} per unit time" if rate and words else words
 
 
 def axis_label(words: str, mathtext: str, unit: str) -> str:

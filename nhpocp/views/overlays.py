@@ -118,7 +118,7 @@ def _over_time(
     last = max(motion.path.horizon for motion in motions)
     for axes, (panel, i) in zip(grid, shown, strict=True):
         _draw(axes, motions, panel, i)
-        plots.time_axis(axes, last, last)
+        plots.time_axis(axes, last, last, motions[0].path.time_unit)
     _legend(figure, motions)
     return Overlay(name, title, caption, figure, "t")
 
@@ -152,7 +152,7 @@ def _path(motions: Sequence[_Motion]) -> Overlay | None:
         return None
     pose, goal = drawing.poses_of(first)[0], drawing.goal_pose(first.problem)
     every = np.concatenate(paths)
-    names = drawing.axis_names(first.problem.system, every.shape[1])
+    names = drawing.axis_names(first.problem.system, every.shape[1], first.problem.units)
     figure = Picture(figsize=(WIDTH, 3.6))
     views = [(pose, "start, goal (dashed) and paths")] if pose.drawing["lines"] else []
     count = len(views) + 1

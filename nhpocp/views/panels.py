@@ -11,15 +11,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from nhpocp import so3
 from nhpocp.arrays import Array
-from nhpocp.errors import OrientationAtPiError
+from nhpocp.relative import blocks_with_goal, relative_to
 from nhpocp.solution import Solution
 from nhpocp.state_space import Block
 from nhpocp.systems.margins import Margin, margin
 from nhpocp.systems.system import System
 from nhpocp.views.finite_path import FinitePath, path_of, quantity
-from nhpocp.views.labels import LEGS, axis_label, notation, symbol, unit_words
+from nhpocp.views.labels import LEGS, axis_label, notation, symbol
 
 SPREAD = 30.0  # of the least value to the largest, from which an axis is logarithmic
 HALF_TURN = "half turn: no unique axis"
@@ -145,7 +144,7 @@ def _curves(solution: Solution, names: Iterable[str], times: Array, values: Arra
     for name in names:
         bounds = [bound for bound in problem.bounds if bound.quantity == name]
         for place in np.ndindex(*np.shape(solution.trajectory[name])[1:]):
-            _, label, unit = notation(problem.system, name, *place)
+            _, label, unit = notation(problem.system, name, *place, units=problem.units)
             limits = {limit for bound in bounds for limit in bound.limits(place) if np.isfinite(limit)}
             curves.append(Curve(name, label, unit, times, next(columns), tuple(sorted(limits))))
     return tuple(curves)
@@ -234,14 +233,14 @@ def _states(solution: Solution, path: FinitePath) -> list[Panel]:
 
 def _errors(solution: Solution, path: FinitePath) -> list[Panel]:
     """The path relative to the goal: zero at the end is the goal reached. [Paper] section 4 and Fig. 3."""
-    every, system = [], solution.problem.system
+    every, system, units = [], solution.problem.system, solution.problem.units
     for blocks in _goal_groups(solution):
         curves, marks = [], [*_via_marks(solution)]
         for block in blocks:
-            values, unit = relative_values(solution, block), notation(system, block.name).unit
+            values, unit = relative_values(solution, block), notation(system, block.name, units=units).unit
             if block.kind in ("rotation", "direction"):
                 marks += [Mark(time, HALF_TURN) for time in half_turns(path.times, values)]
-                values, symbols, unit = _broken(values), ["$r_1$", "$r_2$", "$r_3$"], unit_words(block.unit)
+                values, symbols, unit = _broken(values), ["$r_1$", "$r_2$", "$r_3$"], units.words(block.unit)
             else:
                 places = [()] if block.kind == "scalar" else [(i,) for i in range(block.components)]
                 symbols = [_error_symbol(notation(system, block.name, *place).symbol) for place in places]
@@ -256,11 +255,9 @@ def _errors(solution: Solution, path: FinitePath) -> list[Panel]:
 def _goal_groups(solution: Solution) -> list[list[Block]]:
     """Blocks and outputs with a goal, as they share a panel: the scalars by unit, every other alone."""
     groups: dict[str, list[Block]] = {}
-    system = solution.problem.system
-    for block in (*system.state_space.blocks, *system.pose_outputs):
-        if block.name in solution.problem.goal and block.name in solution.trajectory:
-            key = f"scalars {block.unit}" if block.kind == "scalar" else f"block {block.name}"
-            groups.setdefault(key, []).append(block)
+    for block in blocks_with_goal(solution):
+        key = f"scalars {block.unit}" if block.kind == "scalar" else f"block {block.name}"
+        groups.setdefault(key, []).append(block)
     return list(groups.values())
 
 
@@ -284,18 +281,10 @@ def _error_words(solution: Solution, blocks: Sequence[Block]) -> tuple[str, str]
 
 
 def relative_values(solution: Solution, block: Block) -> Array:
-    """value - goal, or the rotation vector from goal to value with NaN at a half turn; (samples, components)."""
+    """`relative_to` along the path, as far as it can be drawn; (samples, components)."""
     path, goal = path_of(solution), solution.problem.goal[block.name]
     values = quantity(solution, block.name, path)
-    if block.kind not in ("rotation", "direction"):
-        return values - np.ravel(goal) if values.size else values
-    vectors = np.full((path.samples, 3), np.nan)
-    for k, value in enumerate(values.reshape(-1, *block.shape)):
-        try:
-            vectors[k] = so3.log(value @ goal.T) if block.kind == "rotation" else so3.between(goal, value)
-        except OrientationAtPiError:
-            continue  # the axis is not defined there
-    return vectors
+    return relative_to(np.asarray(goal), values, block) if values.size else values
 
 
 def half_turns(times: Array, rotation_vectors: Array) -> Array:

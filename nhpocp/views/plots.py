@@ -11,6 +11,7 @@ from nhpocp.arrays import Array
 from nhpocp.outcome import Outcome
 from nhpocp.solution import Solution
 from nhpocp.views.finite_path import FinitePath
+from nhpocp.views.labels import axis_label
 from nhpocp.views.panels import Mark, Panel, logarithmic
 from nhpocp.views.records import decays, error_history
 from nhpocp.views.style import ALARM, COLOURS, COMPACT, FAINT, GREY, legend_above, line_style, trial_style
@@ -29,7 +30,7 @@ def draw(axes: Any, panel: Panel, path: FinitePath) -> None:
     if panel.margin:
         margin_axis(axes, [curve.values for curve in panel.curves])
     draw_limits(axes, {limit for curve in panel.curves for limit in curve.limits})
-    time_axis(axes, path.end, path.horizon)
+    time_axis(axes, path.end, path.horizon, path.time_unit)
     axes.set_ylabel(panel.label)
     legend_above(axes)
 
@@ -70,9 +71,9 @@ def draw_limits(axes: Any, limits: Iterable[float]) -> None:
             axes.axhline(limit, **LIMIT)
 
 
-def time_axis(axes: Any, end: float, last: float) -> None:
+def time_axis(axes: Any, end: float, last: float, unit: str | None) -> None:
     """Time from 0 to ``last``, hatched from ``end`` on, where there is no path."""
-    axes.set(xlim=(0, last), xlabel="time $t$ [–]")
+    axes.set(xlim=(0, last), xlabel=axis_label("time", "$t$", unit or "–"))
     if end < last * (1 - 1e-9):
         axes.axvspan(end, last, facecolor=FAINT, edgecolor="0.8", hatch="////", linewidth=0, zorder=0.5)
 
@@ -85,11 +86,11 @@ def draw_convergence(axes: Any, solution: Solution) -> None:
     ks, errors = error_history(solution)
     known = np.flatnonzero(np.isfinite(errors))
     look = {"color": COLOURS[0], "marker": "o", "markersize": 2.2, "linewidth": 1.0}
-    axes.plot(ks, errors, label=r"error $\mathcal{E}$", zorder=3, **look)
+    axes.plot(ks, errors, label=r"error $\mathscr{E}$", zorder=3, **look)
     refused = error_history(solution, kept=False)
     if len(refused[0]):
         axes.plot(*refused, label="trial", **trial_style(len(refused[0])), color=COLOURS[0])
-    names = (r"$\mathcal{E}(0)\,e^{-\gamma\theta}$", r"$\mathcal{E}(0)\,(1-\gamma)^k$")
+    names = (r"$\mathscr{E}(0)\,e^{-\gamma\theta}$", r"$\mathscr{E}(0)\,(1-\gamma)^k$")
     for i, (name, values) in enumerate(zip(names, decays(solution) or (), strict=False), 1):
         axes.plot(ks, values, label=name, zorder=2, **{**line_style(i), "linewidth": 0.9})
     axes.axhline(solution.tolerance, label=f"tolerance {solution.tolerance:g}", **REFERENCE)
@@ -103,12 +104,12 @@ def draw_convergence(axes: Any, solution: Solution) -> None:
 
 def error_axis(axes: Any, over: str, low: float | None = None, high: float | None = None) -> None:
     """E on a log axis over whole numbers."""
-    axes.set(yscale="log", ylim=(low, high), xlabel=over, ylabel=r"error $\mathcal{E}$ [–]")
+    axes.set(yscale="log", ylim=(low, high), xlabel=over, ylabel=r"error $\mathscr{E}$ [–]")
     axes.xaxis.get_major_locator().set_params(integer=True)
 
 
 def _last_point(axes: Any, solution: Solution, k: float, error: float) -> None:
-    words = f"{solution.outcome.value.replace('_', ' ')}: $\\mathcal{{E}}$ = {error:.2g} at $k$ = {k:g}"
+    words = f"{solution.outcome.value.replace('_', ' ')}: $\\mathscr{{E}}$ = {error:.2g} at $k$ = {k:g}"
     if solution.outcome is Outcome.CONVERGED:
         look = {"marker": "D", "color": COLOURS[2], "markersize": 4}
     else:

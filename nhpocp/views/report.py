@@ -59,6 +59,7 @@ def _section(group: Group, place: int) -> dict[str, Any]:
         "introduction": words.introduction(group.problem.source),
         "facts": words.facts(group),
         "verdict": words.verdict(group),
+        "units": words.units(group.problem),
         "runs": list(zip(names, runs, strict=True)),
         "tables": tables.results(group, names, runs),
         "failures": [(name, entry.solution.outcome.value, _reasons(entry)) for name, entry in failed],

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from nhpocp import so3
+from nhpocp import so3, variant_label
 from nhpocp.comparison import Entry, Group
 from nhpocp.objectives.objective import Objective
 from nhpocp.objectives.registry import OBJECTIVES
@@ -58,12 +58,16 @@ def percent(value: float | None) -> Markup:
 
 
 def titles(entries: Sequence[Entry]) -> list[str]:
-    """How the runs are called in words: `nlp:control=basis` is NLP (control = basis)."""
-    parts = [entry.variant.partition(":") for entry in entries]
-    names = [
-        (METHODS.get(name, name), rest.replace("=", " = ").replace(",", ", ")) for name, _, rest in parts
+    """How the runs are called in words: `nlp:control=basis` is NLP (control = basis); only what differs is said."""
+    parts = [
+        variant_label.parts(label) for label in variant_label.distinct(entry.variant for entry in entries)
     ]
+    names = [(METHODS.get(name, name), ", ".join(map(_setting, settings))) for name, settings in parts]
     return [f"{name} ({rest})" if rest else name for name, rest in names]
+
+
+def _setting(setting: str) -> str:
+    return setting.removeprefix("control.").replace("=", " = ", 1)
 
 
 def control_symbol(problem: PlanningProblem) -> str:
@@ -231,6 +235,12 @@ def task(problem: PlanningProblem, beginnings: Markup | None = None) -> list[tup
         ("Objective", Markup("{}, {}").format(problem.objective.replace("_", " "), cost_symbol(problem))),
         ("Constraints on the path", _bounds(problem)),
     ]
+
+
+def units(problem: PlanningProblem) -> str:
+    """What the table's numbers are counted in."""
+    length = problem.units.length or "the problem file's unit"
+    return f"Lengths in {length}, times in {problem.units.time or 'its unit of time'}, angles in radians."
 
 
 def controls(group: Group) -> dict[Markup, list[int]]:

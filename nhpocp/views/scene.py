@@ -80,7 +80,9 @@ def scene(solution: Solution, most: int) -> dict[str, Any]:
         "crossings": _crossings(solution, times, trace),
         "low": low.tolist(),
         "high": high.tolist(),
-        "axes": [name.replace("$", "") for name in drawing.axis_names(system, len(low))],
+        "axes": [
+            name.replace("$", "") for name in drawing.axis_names(system, len(low), solution.problem.units)
+        ],
     }
 
 

@@ -11,8 +11,9 @@ import threading
 from base64 import b64encode
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import wraps
-from typing import Any, TypeVar
+from typing import Any, ParamSpec
 
 from matplotlib import rc_context
 from matplotlib.figure import Figure
@@ -20,6 +21,8 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from PIL import Image
 
 PANEL = (3.5, 2.6)  # inches: one column of a journal
+LEAST_PANEL = 2.6  # inches: narrower panels stand one under another
+FLAT = 0.6  # height over width of panels that are fitted into a width
 DOTS_PER_INCH = 300
 SCREEN = 120  # dots per inch for a screen that shows 96 of them: sharp enough, and a notebook stays small
 SHADES = 96  # colours of a picture on a screen, by which nobody tells it from one with all of them
@@ -37,7 +40,7 @@ GREY, FAINT, ALARM = "0.35", "0.92", "#B2182B"
 
 MANY = 100  # points that can still be told apart in a panel
 # for many entries
-COMPACT: dict[str, Any] = {"handlelength": 2.0, "columnspacing": 1.0, "handletextpad": 0.5}
+COMPACT: dict[str, Any] = {"handlelength": 1.6, "columnspacing": 0.8, "handletextpad": 0.5}
 
 SETTINGS: dict[str, Any] = {
     "font.family": "STIXGeneral",  # comes with matplotlib, so pictures are the same everywhere
@@ -111,28 +114,57 @@ def data_address(figure: Figure) -> str:
     return f"data:image/png;base64,{b64encode(png(figure)).decode()}"
 
 
-S = TypeVar("S")
+P = ParamSpec("P")
 
 
-def styled(make: Callable[[S], Figure]) -> Callable[[S], Figure]:
+def styled(make: Callable[P, Figure]) -> Callable[P, Figure]:
     """A function that makes a figure, under the sheet of settings."""
 
     @wraps(make)
-    def made(subject: S) -> Figure:
+    def made(*subject: P.args, **how: P.kwargs) -> Figure:
         with sheet():
-            return make(subject)
+            return make(*subject, **how)
 
     return made
 
 
+@dataclass(frozen=True)
+class Room:
+    """What a picture may take of a page [inch]: its width and height, None where it chooses itself."""
+
+    width: float | None = None
+    height: float | None = None
+
+    def columns(self, most: int, least: float = LEAST_PANEL) -> int:
+        """How many parts of a least width [inch] stand side by side, at most so many."""
+        return most if self.width is None else max(1, min(most, int(self.width / least)))
+
+    def panel(
+        self, columns: int, size: tuple[float, float] = PANEL, flat: float = FLAT
+    ) -> tuple[float, float]:
+        """The size of a part: its own, or what fits the width so many times, at a height over width of ``flat``."""
+        if self.width is None:
+            return size
+        return self.width / columns, flat * self.width / columns
+
+
+OWN_SIZE = Room()
+
+
 def axes_grid(
-    count: int, columns: int = 2, size: tuple[float, float] = PANEL, head: float = 0.0
+    count: int,
+    columns: int = 2,
+    size: tuple[float, float] = PANEL,
+    head: float = 0.0,
+    room: Room = OWN_SIZE,
 ) -> tuple[Figure, list[Any]]:
-    """A figure of equal panels of that size, with room for words over them; as many axes as asked for. [inch]"""
-    columns = max(1, min(columns, count))
+    """A figure of equal panels of that size, or fitted into a room, with room for words over them; as many axes as
+    asked for. [inch]"""
+    columns = room.columns(max(1, min(columns, count)))
     rows = -(-count // columns)
+    width, height = room.panel(columns, size)
     figure = Picture(
-        figsize=(columns * size[0], rows * size[1] + head),
+        figsize=(columns * width, room.height or rows * height + head),
         layout=ConstrainedLayoutEngine(w_pad=0.06, h_pad=0.05),
     )
     return figure, [figure.add_subplot(rows, columns, i + 1) for i in range(count)]

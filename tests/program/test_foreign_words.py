@@ -97,7 +97,7 @@ def test_what_a_spreadsheet_would_execute_is_quoted(value, monkeypatch):
 
 
 def test_tables_of_a_solution_quote_names_and_words_and_no_number(failed, tmp_path):
-    """Headers are names of a user's system; the words of iterations may be a user's solver's."""
+    """Headers are made of names of a user's system; the words of iterations may be a user's solver's."""
     values = np.linspace(-1.5, 1.5, len(failed.trajectory["t"]))
     odd = replace(
         failed,
@@ -108,8 +108,8 @@ def test_tables_of_a_solution_quote_names_and_words_and_no_number(failed, tmp_pa
     write_iterations(odd, tmp_path / "iterations.csv")
     with open(tmp_path / "trajectory.csv", newline="") as stream:
         header, first, *_ = csv.reader(stream)
-    assert header[-len(FORMULAS) :] == [f"'{name}" for name in FORMULAS]
-    assert first[-len(FORMULAS) :] == ["-1.5"] * len(FORMULAS)
+    assert all(re.fullmatch(r"[A-Za-z]\w*", name, re.ASCII) for name in header)
+    assert first.count("-1.5") == len(FORMULAS)
     lines = (tmp_path / "iterations.csv").read_text().splitlines()
     assert lines == ["k,error,rank,'=note,accepted", "0,-0.5,-3,'@x,1"]
 

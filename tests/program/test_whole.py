@@ -118,7 +118,7 @@ def test_plot_keeps_good_pictures_where_there_is_no_room(old, tmp_path, monkeypa
     folder = save_solution(old, tmp_path / "out")
     (folder / "controls.png").write_text("good")
     before = tree(tmp_path)
-    monkeypatch.setattr(figures, "save", lambda _, file: stump(file))
+    monkeypatch.setattr(figures, "save", lambda _, file, *text: stump(file))
     assert status(["plot", str(folder)]) == 2
     assert "No space left on device" in capsys.readouterr().err
     assert tree(tmp_path) == before

@@ -97,7 +97,7 @@ def test_a_failed_run_comes_back_too(failed, tmp_path):
 def test_files_hold_the_contract(solution, tmp_path):
     folder = save_solution(solution, tmp_path / "out")
     assert {path.name for path in folder.iterdir()} == {
-        *("problem.yaml", "solution.json", "trajectory.csv", "arrays.npz", "solver.log")
+        *("problem.yaml", "solution.json", "trajectory.csv", "columns.csv", "arrays.npz", "solver.log")
     }
     data = json.loads((folder / "solution.json").read_text())
     assert data["schema_version"] == 1
@@ -116,8 +116,8 @@ def test_files_hold_the_contract(solution, tmp_path):
     assert len(rows) == 201
     assert float(rows[-1]["t"]) == 1.0
     for i in range(3):
-        assert float(rows[7][f"position[{i}]"]) == solution.trajectory["position"][7, i]
-        assert float(rows[7][f"orientation[2][{i}]"]) == solution.trajectory["orientation"][7, 2, i]
+        assert float(rows[7][f"position_{i + 1}"]) == solution.trajectory["position"][7, i]
+        assert float(rows[7][f"orientation_3_{i + 1}"]) == solution.trajectory["orientation"][7, 2, i]
 
 
 # --- the iterations on request ---------------------------------------------------------------------------------------

@@ -342,13 +342,13 @@ def test_convergence_shows_records_theory_and_tolerance() -> None:
     (axes,) = FIGURES["convergence"](good()).axes
     lines, ks = lines_of(axes), np.arange(70)
     np.testing.assert_array_equal(
-        lines[r"error $\mathcal{E}$"].get_ydata(), [r["error"] for r in good().iterations]
+        lines[r"error $\mathscr{E}$"].get_ydata(), [r["error"] for r in good().iterations]
     )
     np.testing.assert_allclose(
-        lines[r"$\mathcal{E}(0)\,e^{-\gamma\theta}$"].get_ydata(), 1.3377 * np.exp(-0.1 * ks)
+        lines[r"$\mathscr{E}(0)\,e^{-\gamma\theta}$"].get_ydata(), 1.3377 * np.exp(-0.1 * ks)
     )
     np.testing.assert_allclose(
-        lines[r"$\mathcal{E}(0)\,(1-\gamma)^k$"].get_ydata(), 1.3377 * 0.9**ks, rtol=1e-12
+        lines[r"$\mathscr{E}(0)\,(1-\gamma)^k$"].get_ydata(), 1.3377 * 0.9**ks, rtol=1e-12
     )
     assert lines["tolerance 0.001"].get_ydata()[0] == good().tolerance
     assert axes.get_yscale() == "log"
@@ -498,7 +498,7 @@ def test_a_failure_shows_every_evaluation_and_what_was_refused() -> None:
 
 def test_the_convergence_of_several_tries_is_that_of_the_best() -> None:
     lines = lines_of(FIGURES["convergence"](tries()).axes[0])
-    assert lines[r"error $\mathcal{E}$"].get_xydata().tolist() == [[0, 1.5], [1, 0.5], [2, 0.4]]
+    assert lines[r"error $\mathscr{E}$"].get_xydata().tolist() == [[0, 1.5], [1, 0.5], [2, 0.4]]
     assert lines["trial"].get_xydata().tolist() == [[1, 2.5]]
     theta, _ = step_sums(tries()) or (None, None)
     np.testing.assert_allclose(theta, [0, 0.5, 1])  # of accepted steps alone
@@ -559,7 +559,7 @@ def test_symbols(name: str, index: int | None, expected: str) -> None:
     [
         ("leg length $l_{1}$", "leg length l₁"),
         (r"$\sigma_{\min}(S)$ [–]", "σmin(S) [–]"),
-        (r"error $\mathcal{E}$ [–]", "error E [–]"),
+        (r"error $\mathscr{E}$ [–]", "error E [–]"),
         (r"control $\dot{\theta}_{0}$ [rad]", "control θ̇₀ [rad]"),
         ("$p_{1}$ – goal [length]", "p₁ – goal [length]"),
         ("time [–]", "time [–]"),

@@ -432,7 +432,7 @@ def test_the_control_to_begin_with_is_said_of_every_run_that_has_its_own():
     runs = [made(problem=line(basis=Fourier(h), initial=None).read_from(f"harmonics: {h}")) for h in (1, 3)]
     words = Page(render(Comparison.of(runs))).words
     for h in (1, 3):
-        name = f"Jacobian method (control.harmonics = {h})"
+        name = f"Jacobian method (harmonics = {h})"
         assert f"{name}: fourier, {h} harmonics; drawn by a seed" in words
         assert f"The problem file as read for {name}:harmonics: {h}" in words.replace("\n", "")
     alone = Page(render(Comparison.of([made(), made(settings={"gamma": 0.5})]))).words

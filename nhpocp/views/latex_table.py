@@ -1,0 +1,142 @@
+r"""A comparison as a table for LaTeX, ruled as booktabs does: what `\input{comparison}` puts into a paper."""
+
+from __future__ import annotations
+
+import math
+import re
+import unicodedata
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+from nhpocp.comparison import Comparison, Group
+from nhpocp.objectives.registry import OBJECTIVES
+from nhpocp.views.report_words import control_symbol, titles
+
+MARKER = "% nhpocp compare"
+HEAD = MARKER + r": \input this file in a table; the preamble needs \usepackage{booktabs}" + "\n"
+MISSING = "--"
+_SPECIAL = {
+    "\\": r"\textbackslash{}",
+    "~": r"\textasciitilde{}",
+    "^": r"\textasciicircum{}",
+    "<": r"\ensuremath{<}",
+    ">": r"\ensuremath{>}",
+    "|": r"\ensuremath{|}",
+    "$": r"{\char36}",  # \$ is in fonts that small installations do not have
+    '"': r"{\char34}",
+    "`": r"{\char96}",
+    "[": "{[}",  # after the end of a row it would begin a length
+    "*": "{*}",  # and this would forbid a page break
+    "-": "{-}",  # two would become a dash
+    **{letter: "\\" + letter for letter in "&%#_{}"},
+}
+_ACCENTS = dict(
+    zip("\u0300\u0301\u0302\u0303\u0308\u0304\u0306\u0307\u030c\u0327", "`'^~\"=u.vc", strict=True)
+)
+
+
+def escaped(text: str) -> str:
+    """Any text as LaTeX that prints it; a letter that LaTeX itself does not have as its number in Unicode."""
+    return "".join(map(_letter, text))
+
+
+def _letter(letter: str) -> str:
+    if letter.isascii():
+        return _SPECIAL.get(letter, letter if letter.isprintable() else " ")
+    apart = unicodedata.normalize("NFD", letter)
+    base, marks = apart[:1], apart[1:]
+    if len(marks) == 1 and base.isascii() and base.isalpha() and marks in _ACCENTS:
+        return f"\\{_ACCENTS[marks]}{{{base}}}"
+    return f"U+{ord(letter):04X}"
+
+
+def number(value: float | None, digits: int = 4) -> str:
+    """A number for a table: few digits, powers of ten written out."""
+    if value is None or not math.isfinite(value):
+        return MISSING
+    mantissa, mark, exponent = f"{value:.{digits}g}".partition("e")
+    if mark:
+        return rf"${mantissa}\times10^{{{int(exponent)}}}$"
+    return f"${mantissa}$" if value < 0 else mantissa
+
+
+class _Column(NamedTuple):
+    head: str
+    align: str
+    cell: Callable[[Mapping[str, Any]], str]
+
+
+def latex_table(comparison: Comparison) -> str:
+    """The runs of a comparison as one `tabular`, a row each; several problems stand over their runs, or name them
+    where each has one."""
+    groups = comparison.groups
+    columns = _columns(groups, comparison.rows())
+    lines = [
+        HEAD + rf"\begin{{tabular}}{{@{{}}{''.join(column.align for column in columns)}@{{}}}}",
+        r"\toprule",
+    ]
+    lines.append(_row([column.head for column in columns]))
+    alone = len(groups) > 1 and all(len(group.entries) == 1 for group in groups)
+    for i, group in enumerate(groups):
+        lines += [] if i and alone else [r"\midrule"]
+        if len(groups) > 1 and not alone:
+            lines.append(rf"\multicolumn{{{len(columns)}}}{{@{{}}l}}{{\textbf{{{escaped(group.title)}}}}} \\")
+        names = [group.title] if alone else _short(titles(group.entries))
+        for name, row in zip(names, Comparison(group.entries).rows(), strict=True):
+            lines.append(_row([column.cell({**row, "title": name}) for column in columns]))
+    return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", ""])
+
+
+def _short(names: Sequence[str]) -> list[str]:
+    """What tells runs apart: of one method alone its settings."""
+    parts = [re.fullmatch(r"(.*?) \((.*)\)", name) for name in names]
+    methods = {part[1] for part in parts if part}
+    return [part[2] for part in parts if part] if all(parts) and len(methods) == 1 else list(names)
+
+
+def _row(cells: Sequence[str]) -> str:
+    return " & ".join(cells) + r" \\"
+
+
+def _columns(groups: Sequence[Group], rows: Sequence[Mapping[str, Any]]) -> list[_Column]:
+    """The columns; the ending only where one is no success."""
+    failed = not all(row["converged"] for row in rows)
+    ending = [_Column("ending", "l", lambda row: escaped(row["outcome"].replace("_", " ")))] if failed else []
+    return [
+        _Column("run", "l", lambda row: escaped(row["title"])),
+        _Column("basis", "l", lambda row: escaped((row["basis"] or MISSING).replace("_", " "))),
+        *ending,
+        _Column(r"$\mathcal{E}$", "r", lambda row: number(row["verified_error"], 2)),
+        _Column(_cost(groups), "r", lambda row: number(row["objective_value"])),
+        _Column(r"gap [\%]", "r", lambda row: _percent(row["optimality_gap"])),
+        _Column("evaluations", "r", lambda row: number(row["evaluations"], 15)),
+        _Column("time [s]", "r", lambda row: number(_seconds(row), 2)),
+    ]
+
+
+def _percent(share: float | None) -> str:
+    return MISSING if share is None else f"{100 * share + 0.0:.2f}"
+
+
+def _seconds(row: Mapping[str, Any]) -> float:
+    return float(sum(row[key] or 0.0 for key in ("build_s", "solve_s")))
+
+
+def _cost(groups: Sequence[Group]) -> str:
+    """The objective as mathematics, where all problems have the same."""
+    symbols = {
+        OBJECTIVES[g.problem.objective].symbol.format(control=control_symbol(g.problem)) for g in groups
+    }
+    if len(symbols) != 1:
+        return "cost"
+    (text,) = symbols
+    if not text.startswith("∫"):
+        return escaped(text)
+    for unicode, tex in (
+        ("∫", r"\int "),
+        ("²", "^2"),
+        (" dt", r"\,\mathrm{d}t"),
+        ("control", r"\mathrm{control}"),
+    ):
+        text = text.replace(unicode, tex)
+    return f"${text}$"
