@@ -18,18 +18,17 @@ class RigidBody(System):
         Ṙ = R [Ω],   I Ω̇ = τ - Ω × I Ω
 
     R: body to space, Ω: the angular velocity and τ: the torques about the principal axes, both in the body. With drift:
-    a spinning body goes on spinning. The default is the satellite of the classic least-time slews.
+    a spinning body goes on spinning. About a principal axis alone it is a double integrator.
     """
 
     model: ClassVar[str] = "rigid_body"
     declared: ClassVar[Mapping[str, Parameter]] = {
-        "inertia": Parameter("vector", [5621.0, 4547.0, 2364.0], "I, the three principal moments; each > 0")
+        "inertia": Parameter("vector", [1.2, 1.0, 0.6], "I, the three principal moments; each > 0")
     }
     example: ClassVar[Mapping[str, Any]] = {
         "start": {"orientation": {"rpy": [0, 0, 0]}, "omega": [0, 0, 0]},
         "goal": {"orientation": {"rpy": ["90 deg", 0, 0]}, "omega": [0, 0, 0]},
-        "horizon": 40,
-        "control": {"harmonics": 1, "initial": [[0, 20, 0], [0, 0, 0], [0, 0, 0]]},
+        "control": {"harmonics": 1, "initial": [[0, 8, 0], [0, 0, 0], [0, 0, 0]]},
     }
     state_space = StateSpace(
         [rotation("orientation"), vector("omega", 3, "angle", symbol=r"\Omega", rate=True)]
@@ -37,7 +36,7 @@ class RigidBody(System):
     input_space = StateSpace([vector("torque", 3, symbol=r"\tau")])
     inertia: tuple[float, ...]
 
-    def __init__(self, inertia: Sequence[float] = (5621.0, 4547.0, 2364.0)) -> None:
+    def __init__(self, inertia: Sequence[float] = (1.2, 1.0, 0.6)) -> None:
         super().__init__(inertia=inertia)
         if not all(moment > 0 for moment in self.inertia):
             raise InvalidProblemError("expected three moments > 0", path="system.inertia")
