@@ -122,9 +122,9 @@ def _with_pose(solution: Solution) -> Solution:
 
 def default_solver(problem: PlanningProblem) -> Solver:
     """The problem's own Jacobian method."""
-    from nhpocp.solvers.continuation.continuation import Continuation
+    from nhpocp.solvers.continuation.auto import Auto
 
-    return problem.solvers.get("jacobian") or Continuation()
+    return problem.solvers.get("jacobian") or Auto()
 
 
 def chosen_solver(problem: PlanningProblem, solver: Any) -> Solver:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,9 @@ CLEAR = {
     "sigma_w": 0.02,
 }  # least margins along the path that makes a goal, lengths divided by …
 CLEAR_LENGTH = 10.0  # … this one
+NEAR_LENGTH, NEAR_ANGLE = 5.0, np.radians(30)  # at most, of a coordinate beside the start
+# which of x, y, z and the rotation vector's three change: each alone three times, all pairs, all of them
+NEAR = [(i,) for i in range(6)] * 3 + list(combinations(range(6), 2)) + [tuple(range(6))] * 17
 RADIUS, HEIGHT, TILT, YAW = 8.0, (18.0, 40.0), np.radians(30), np.radians((-120, 20))
 
 ROBOTS: dict[str, dict[str, Any]] = {name: {"preset": name} for name in ThreeUPU.presets} | {
@@ -81,6 +85,23 @@ def workspace_goal(problem: PlanningProblem, seed: int) -> Mapping[str, Any]:
         goal = {
             "position": np.array([*random.uniform(-RADIUS, RADIUS, 2), random.uniform(*HEIGHT)]),
             "orientation": so3.exp(tilt) @ so3.from_rpy(np.array([0.0, 0.0, random.uniform(*YAW)])),
+        }
+        point = problem.system.state_space.pack(goal)
+        determinants = numeric.determinants(np.stack([problem.start_point, point]))
+        if all(there * here > 0 for here, there in determinants.values()):
+            return goal
+
+
+def near_goal(problem: PlanningProblem, number: int) -> Mapping[str, Any]:
+    """A pose near the start, on its side of det S = 0 and det W = 0, of which the coordinates `NEAR[number]` differ."""
+    random, numeric = np.random.default_rng(number), numeric_system(problem.system)
+    start, axes = problem.start, list(NEAR[number])
+    while True:
+        moved = np.zeros(6)
+        moved[axes] = random.uniform(-1.0, 1.0, len(axes))
+        goal = {
+            "position": np.asarray(start["position"]) + NEAR_LENGTH * moved[:3],
+            "orientation": so3.exp(NEAR_ANGLE * moved[3:]) @ start["orientation"],
         }
         point = problem.system.state_space.pack(goal)
         determinants = numeric.determinants(np.stack([problem.start_point, point]))

@@ -22,10 +22,12 @@ class ControlBasis(Constructed):
 
     With λ the rows of Λ one after another, u(t) = P(t) λ and P(t) = I ⊗ φ(t)ᵀ, [Paper] section 4. A frozen dataclass
     whose fields are `declared`: what a file may set. ``meaning``: what the functions are, for the file's schema.
+    ``nested``: whether the functions of a smaller basis are the first of a larger one's.
     """
 
     kind: ClassVar[str]
     meaning: ClassVar[str] = ""
+    nested: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         check(self)

@@ -19,6 +19,7 @@ class Chebyshev(Polynomials):
     kind: ClassVar[str] = "chebyshev"
     letter: ClassVar[str] = "T"
     meaning: ClassVar[str] = "Chebyshev polynomials"
+    nested: ClassVar[bool] = True
 
     def _following(self, x: Array, last: Array, before: Array, k: int) -> Array:
         return 2.0 * x * last - before

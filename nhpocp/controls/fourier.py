@@ -22,6 +22,7 @@ class Fourier(ControlBasis):
     harmonics: int = declared.degree(2, "2·harmonics + 1 functions per input")
     kind: ClassVar[str] = "fourier"
     meaning: ClassVar[str] = "truncated Fourier series"
+    nested: ClassVar[bool] = True
 
     @property
     def size(self) -> int:

@@ -19,6 +19,7 @@ class Legendre(Polynomials):
     kind: ClassVar[str] = "legendre"
     letter: ClassVar[str] = "P"
     meaning: ClassVar[str] = "Legendre polynomials"
+    nested: ClassVar[bool] = True
 
     def _following(self, x: Array, last: Array, before: Array, k: int) -> Array:
         return ((2 * k + 1) * x * last - k * before) / (k + 1)  # [Bonnet]

@@ -23,6 +23,7 @@ from nhpocp.systems.numeric import numeric_system
 FEWEST, ENOUGH = 5.0, 10.0  # steps for each period of the fastest function of a basis
 # Times the steps: at order 4 they leave 1/256 of the error, so that the distance between two paths is the error itself.
 FINER = 4
+MOST = 100_000  # steps: no integrator takes more
 DOUBLINGS = 4
 CLOSE = 1e-7  # between the ends of a path and of the same with half the steps, over the state's scales
 ALLOWED = 0.1  # of the tolerance on E: the error of integration that a plan may carry
@@ -42,10 +43,9 @@ def resolving(integrator: Integrator, basis: ControlBasis) -> Integrator:
 
 
 def finer(integrator: Integrator) -> Integrator:
-    """Runge and Kutta's with `FINER` times the steps, which takes controls with jumps too."""
-    if isinstance(integrator, RungeKutta4):
-        return replace(integrator, steps=FINER * integrator.steps)
-    return RungeKutta4(FINER * getattr(integrator, "steps", RungeKutta4.steps))
+    """Runge and Kutta's with `FINER` times the steps, `MOST` at most, which takes controls with jumps too."""
+    steps = min(MOST, FINER * getattr(integrator, "steps", RungeKutta4.steps))
+    return replace(integrator, steps=steps) if isinstance(integrator, RungeKutta4) else RungeKutta4(steps)
 
 
 def settled_path(problem: PlanningProblem, control: Control, steps: int) -> tuple[Array, Array]:

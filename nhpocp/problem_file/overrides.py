@@ -36,22 +36,31 @@ def split(item: str) -> tuple[Path, Node]:
     return path, unshared(tree.root.value[0], marked=False)
 
 
-def apply(text: str, overrides: Sequence[str], file: str | None) -> tuple[Document, list[str]]:
-    """The document of a text with every override in it, and the paths that were set (they stand in no line of it)."""
+def apply(
+    text: str, overrides: Sequence[str], file: str | None
+) -> tuple[Document, list[str], list[InvalidProblemError]]:
+    """The document of a text with every override in it.
+
+    Beside it the paths that were set (they stand in no line of it), and what was made to fit them, as doubts.
+    """
     from ruamel.yaml.error import YAMLError
+
+    from nhpocp.problem_file.fitting import fit_initial, nested_size
 
     tree = read_tree(text, file, comments=True)
     changes = [split(item) for item in overrides]
     tree.unshare()
+    before = nested_size(tree.root)
     for path, value in changes:
         _assign(tree.root, path, value)
+    fitted = fit_initial(tree.root, before, [path for path, _ in changes])
     try:
         written = tree.write()
     except (YAMLError, ValueError, AttributeError) as error:
         raise InvalidProblemError(
             f"--set cannot change this file ({type(error).__name__}); edit the file instead", file=file
         ) from None
-    return Document(written, *tree.plain()), [dotted(path) for path, _ in changes]
+    return Document(written, *tree.plain()), [dotted(path) for path, _ in changes], fitted
 
 
 def within(path: str, outer: str) -> bool:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path as FilePath
 from typing import Any
@@ -149,8 +149,9 @@ def parse_problem(text: str, file: str | None = None, overrides: Sequence[str] =
 
 def _read(text: str, file: str | None, path: FilePath | None, overrides: Sequence[str]) -> ProblemFile:
     overridden: list[str] = []
+    fitted: list[InvalidProblemError] = []
     if overrides:
-        document, overridden = apply(text, overrides, file)
+        document, overridden, fitted = apply(text, overrides, file)
     else:
         document = documents.parse(text, file)
     if not isinstance(document.data, dict):
@@ -170,14 +171,12 @@ def _read(text: str, file: str | None, path: FilePath | None, overrides: Sequenc
         problem = _assembled(data, system)
     except InvalidProblemError as error:
         raise place.error([error, *error.others]) from None
-    return ProblemFile(
-        data,
-        shown,
-        path,
-        problem,
-        list(doubts(problem, data.solvers.jacobian.tolerance, document.data)),
-        place,
-    )
+    doubted = [
+        *fitted,
+        *doubts(problem, data.solvers.jacobian.tolerance, document.data),
+        *_without_effect(data),
+    ]
+    return ProblemFile(data, shown, path, problem, doubted, place)
 
 
 def _named(text: str, name: str, null: bool) -> str:
@@ -265,3 +264,11 @@ def _as_written(path: str, order: Sequence[int]) -> str:
 def _failing(system: System, error: Exception) -> InvalidProblemError:
     fault = f"the equations of {system.model} fail at the start: {one_line(error)}"
     return InvalidProblemError(fault, path="system.model")
+
+
+def _without_effect(data: ProblemData) -> Iterator[InvalidProblemError]:
+    """Settings of a solver that it makes no use of as it is."""
+    jacobian = data.solvers.jacobian
+    if jacobian.step_rule == "auto" and jacobian.gamma != type(jacobian).model_fields["gamma"].default:
+        words = f"{jacobian.gamma:g} does nothing, for step_rule is auto; with euler it is the γ of (17)"
+        yield InvalidProblemError(words, path="solvers.jacobian.gamma", at_key=True)

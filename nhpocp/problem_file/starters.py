@@ -22,7 +22,6 @@ from nhpocp.problem_file.schema import Output, ProblemData
 from nhpocp.problem_file.settings import BLOCKS as BLOCKS_OF_SOLVERS
 from nhpocp.problem_file.settings import Solvers
 from nhpocp.problem_file.states import State, Strict, plain_state
-from nhpocp.solvers.registry import SOLVERS
 from nhpocp.state_space import UNIT_WORDS, Block, StateSpace
 from nhpocp.systems.system import Parameter, System
 
@@ -121,12 +120,9 @@ def _options(model: type[Strict], names: Sequence[str], indent: str = "") -> Ite
 
 
 def _choices(field: FieldInfo) -> str:
-    return _other_names(_names(field), field.description or "")
-
-
-def _names(field: FieldInfo) -> list[str]:
     """The names that a field may have."""
-    return [name for part in field.metadata if isinstance(part, Choice) for name in part.names]
+    names = [name for part in field.metadata if isinstance(part, Choice) for name in part.names]
+    return _other_names(names, field.description or "")
 
 
 def _other_names(names: Sequence[str], meaning: str) -> str:
@@ -204,9 +200,5 @@ def _constraints(system: System, start: Mapping[str, Any]) -> Iterator[str]:
 def _solvers() -> Iterator[str]:
     for i, (name, block) in enumerate(BLOCKS_OF_SOLVERS.items()):
         yield _line(f"  {name}:", f"nhpocp solve --solver {name}" if i else "nhpocp solve")
-        shown = SOLVERS[name].shown
-        for key, (value, words) in shown.items():
-            names = " | ".join(_names(block.model_fields[key]))
-            yield _line(f"    {key}: {value}", f"{names}; {words}")
-        yield from _options(block, [key for key in block.model_fields if key not in shown], "    ")
+        yield from _options(block, list(block.model_fields), "    ")
     yield from _options(Solvers, ["compile"], "  ")

@@ -22,8 +22,9 @@ from nhpocp.constraints.bound import BoundReport
 from nhpocp.controls.control import Control
 from nhpocp.errors import InvalidProblemError, UnreadableSolutionError
 from nhpocp.problem import PlanningProblem
-from nhpocp.problem_file import control_from_json, load_problem
+from nhpocp.problem_file import control_from_json
 from nhpocp.problem_file.document import open_file
+from nhpocp.problem_file.reading import build, read
 from nhpocp.solution import Replay, Solution, Verdict
 from nhpocp.solution_folder.stored import StoredSolution, StoredVerdict, parse_stored
 from nhpocp.systems.numeric import numeric_system
@@ -34,6 +35,7 @@ LARGEST_TREE = 350_000_000  # bytes, as a tree of Python's values; those samples
 # bytes that a value takes for each of its signs: a list or mapping, half a text, a number's or an entry's place
 SIZES = {b"[": 80, b"{": 80, b'"': 50, b",": 40, b":": 40}
 NEEDED = ("solution.json", "problem.yaml", "arrays.npz")
+FORMER_STEP_RULE = "euler"  # what a file without one meant when folders of 0.1 were written
 SAME = 1e-9  # relative, between the two copies of the trajectory
 # what the zip and npy readers answer to damaged files; a header may also claim an array larger than the memory
 DAMAGE = (
@@ -56,7 +58,7 @@ def load_solution(folder: str | os.PathLike[str]) -> Solution:
                 raise UnreadableSolutionError(f"no solution folder: {_missing(home, name)}", file=str(home))
     with _reading(home / "solution.json"):
         stored = parse_stored(json_content(home / "solution.json"), str(home / "solution.json"))
-    problem = _problem(home / "problem.yaml")
+    problem = _problem(home / "problem.yaml", stored)
     shapes = _shapes(problem)
     with _reading(home / "solution.json"):
         control = _control(stored, problem)
@@ -100,9 +102,14 @@ def _reading(file: Path) -> Iterator[None]:
         raise UnreadableSolutionError(f"damaged: {reason}", file=str(file)) from error
 
 
-def _problem(file: Path) -> PlanningProblem:
+def _problem(file: Path, stored: StoredSolution) -> PlanningProblem:
     try:
-        return load_problem(file)
+        file_read = read(file)
+        if "step_rule" not in file_read.data.solvers.jacobian.model_fields_set and (
+            stored.solver == "jacobian" and stored.settings.get("step_rule") == FORMER_STEP_RULE
+        ):
+            file_read = read(file, [f"solvers.jacobian.step_rule={FORMER_STEP_RULE}"])
+        return build(file_read)
     except InvalidProblemError as error:
         raise UnreadableSolutionError(
             error.message, file=str(file), line=error.line, column=error.column, path=error.path

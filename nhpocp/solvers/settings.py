@@ -27,12 +27,10 @@ KERNELS: Family[type[Any]] = Family(
 class SolverSettings(Constructed):
     """A frozen dataclass of `declared` fields; its module imports nothing heavy, for `check` reads it.
 
-    meaning: what the solver is, in a few words. shown: values that `nhpocp init` writes in the place of a default, with
-    the words beside them.
+    meaning: what the solver is, in a few words.
     """
 
     meaning: ClassVar[str]
-    shown: ClassVar[Mapping[str, tuple[str, str]]] = {}
 
     def __post_init__(self) -> None:
         check(self)

@@ -355,6 +355,40 @@ def test_overrides_change_data_and_text_and_keep_comments() -> None:
     assert read_text(file.text).filled() == file.filled()
 
 
+@pytest.mark.parametrize(
+    ("basis", "size"), [("fourier, harmonics", (7, 5, 1)), ("legendre, degree", (4, 3, 1))]
+)
+def test_an_override_of_the_bases_size_takes_the_initial_control_along(basis, size):
+    """With a note, also on reading back what was written; what contradicts itself in the file stays refused."""
+    kind, key = basis.split(", ")
+    row = [0.5, 1.5, 2.5, 3.5, 4.5][: size[1]]
+    text = MINIMAL + f"control: {{basis: {kind}, {key}: 2, initial: [{row}, {row}, {row}]}} # kept\n"
+    for value, functions in zip((3, 2, 0), size, strict=True):
+        file = read_text(text, overrides=[f"control.{key}={value}"])
+        expected = (row + 7 * [0.0])[:functions]
+        assert np.array_equal(file.problem.initial, 3 * [expected])
+        assert np.array_equal(read_text(file.text).problem.initial, 3 * [expected])
+        assert "# kept" in file.text
+        assert [doubt.path for doubt in file.doubts] == ([] if value == 2 else ["control.initial"])
+    assert read_text(text, overrides=[f"control.{key}=3", "control.initial=auto"]).warnings == []
+    for bad in (text.replace(f"{key}: 2", f"{key}: 3"), text.replace("0.5, ", "", 1)):
+        with pytest.raises(InvalidProblemError, match=r"control\.initial"):
+            read_text(bad, overrides=[f"control.{key}=4"])
+
+
+@pytest.mark.parametrize("value", ["foo", "-1", "1001", "[2]", "{}", "1.5", ""])
+def test_an_override_of_the_bases_size_by_what_is_none_is_refused_as_such(value):
+    with pytest.raises(InvalidProblemError) as error:
+        read(PAPER, [f"control.harmonics={value}"])
+    assert error.value.path.startswith("control.harmonics")
+
+
+def test_a_gamma_that_does_nothing_is_doubted():
+    given = MINIMAL + "solvers: {jacobian: {gamma: 0.5}}\n"
+    assert [doubt.path for doubt in read_text(given).doubts] == ["solvers.jacobian.gamma"]
+    assert read_text(given, overrides=["solvers.jacobian.step_rule=euler"]).doubts == []
+
+
 def test_an_override_changes_one_place_only_where_the_file_shares_values() -> None:
     text = MINIMAL.replace("start: {", "start: &s {").replace("goal: {position: [0, 0, 30]}", "goal: *s")
     file = read_text(text, overrides=["goal.position[2]=30"])
@@ -422,7 +456,8 @@ def test_the_paper_is_built_with_its_settings() -> None:
 @pytest.mark.parametrize("integrator", ["rk4", "rk", "cvodes"])
 @pytest.mark.parametrize("sensitivity", ["automatic", "variational"])
 def test_every_available_setting_builds(integrator, sensitivity) -> None:
-    settings_ = {"integrator": integrator, "sensitivity": sensitivity, "metric": "l2", "gamma": 0.5}
+    rule = {"step_rule": "euler", "gamma": 0.5}
+    settings_ = {"integrator": integrator, "sensitivity": sensitivity, "metric": "l2", **rule}
     found = build_solver("jacobian", settings_).settings()
     assert {key: found[key] for key in settings_} == settings_
 
@@ -612,7 +647,7 @@ def test_settings_without_a_word_stay_behind() -> None:
         dump_problem(parse_problem(MINIMAL), {"jacobian": settings}),
     ):
         solver = parse_problem(text).solvers["jacobian"]
-        assert (solver.tolerance, solver.step_rule.kind) == (1e-4, "euler")
+        assert (solver.tolerance, solver.settings()["step_rule"]) == (1e-4, "auto")
 
 
 def test_a_bound_without_a_word_is_refused() -> None:

@@ -20,10 +20,10 @@ goal: {{position: [0.02, 0, 0.4], orientation: {{rpy: [0, 0, -30 deg]}}}}
 horizon: {{min: 0.5, max: 4, initial: 4}}
 objective: time
 error_length: 0.15
-constraints: {{leg_length: {list(STROKE)}, leg_speed: {{max: {MOTOR}}}}}
+constraints: {{leg_length: {list(STROKE)}, leg_speed: {{max: {MOTOR}}}, clearance: 0.05}}
 solvers:
   jacobian: {{step_rule: auto, objective: leg_effort}}
-  nlp: {{intervals: 15, initial: jacobian}}
+  nlp: {{intervals: 15, initial: problem}}
 output: {{pictures: false}}
 """
 

@@ -241,6 +241,19 @@ def test_what_differs_is_said(folders, edits, tmp_path):
     assert not audited.ok
 
 
+def test_a_folder_of_euler_from_before_auto_was_the_default_is_right(tmp_path):
+    solved = planning.solve(paper_problem(samples=21), Continuation(step_rule=Euler(0.5)))
+    folder = save_solution(solved, tmp_path / "old")
+    written = (folder / "problem.yaml").read_text()
+    assert "step_rule: euler" in written
+    (folder / "problem.yaml").write_text(written.replace("step_rule: euler", "", 1).replace("{, ", "{"))
+    assert audit(edited(folder, tmp_path, "name", "problem")).differences == []
+    other = {**solved.settings, "step_rule": "adaptive"}
+    assert any(
+        "settings.step_rule" in s for s in audit(edited(folder, tmp_path, "settings", other)).differences
+    )
+
+
 def test_a_tolerance_raised_in_the_folder_alone_is_noticed(folders, tmp_path):
     """The problem file's settings count, which hold what --set said as well."""
     data = json.loads((folders["jacobian"] / "solution.json").read_text())

@@ -38,6 +38,11 @@ HALVINGS = 6  # of a part of the geodesic
 STEPS_PER_PIECE = 0.4  # of the steps of a whole plan, for the shortest manoeuvre of a sequence
 SAME = 0.01  # of a violation: how far two may be apart that count as one
 BUDGET = 3000  # evaluations, after which no new try begins
+STARTS = 32  # at most, that are compared by what they cost in the end
+WIDTHS = (1.0, 0.5, 2.0)  # of the seeded among them, in turn
+AGREEING = 6  # starts that lead to the least cost so far: others are hardly worth the work
+ALIKE = 5e-3  # relative, of two costs
+FURTHER = 2  # times the restarts: seeded starts that are tried where all else failed
 
 
 @dataclass(frozen=True)
@@ -48,8 +53,11 @@ class Auto(Constructed):
     3. Manoeuvres: the geodesic from start to goal in pieces, each planned from small seeded controls, joined into one
     control of basis `sequence`. (7) is driftless and, where S is regular and the growth vector is (3, 6), locally
     controllable, so every path clear of the singularities can be followed so; systems with drift go without. 4. The
-    goal walked along the geodesic from the pose that the best of the starts reaches.
-    Only the winner enters the search for least cost (`Continuation.objective`).
+    goal walked along the geodesic from the pose that the best of the starts reaches. 5. That start again, beyond the
+    few evaluations that every try has been given until then.
+
+    The search for least cost (`Continuation.objective`) ends in the valley where it begins, and few of them are deep:
+    it follows on the first way that reaches the goal, and again from seeded starts until six agree on the least.
     continuation: the method that every try is made with. restarts: seeded starts.
     Errors: `InvalidProblemError` for restarts that are no whole number, `CallError` for another method.
     """
@@ -105,14 +113,53 @@ class _Search:
         last = ended[-1]
         best = last if last.outcome is Outcome.CONVERGED else min(ended, key=_nearness)
         outcome, message = self._ending(best, stopped or last.outcome is Outcome.INTERRUPTED)
+        best = replace(best, outcome=outcome, message=message)
+        if outcome is Outcome.CONVERGED and "objective_value" in best.details:
+            best = self._cheapest(best)
         return replace(
             best,
-            outcome=outcome,
-            message=message,
             records=self.records,
             details={**best.details, "tried": self.tried},
             solve_seconds=perf_counter() - began - best.build_seconds,
         )
+
+    def _cheapest(self, first: ContinuationResult) -> ContinuationResult:
+        """Of the plan that is at hand, and those to which the null space leads from seeded starts."""
+        plans, allowed = [self._numbered(first)], len(self.records) + BUDGET
+        for start in range(1, STARTS):
+            least = min(plans, key=_cost)
+            if len(self.records) > allowed or sum(_alike(plan, least) for plan in plans) == AGREEING:
+                break
+            self.way = f"start {start + 1} of {STARTS} for less {self.base.objective}"
+            try:
+                plan = self._plan_from(start)
+            except KeyboardInterrupt:
+                return replace(
+                    least, outcome=Outcome.INTERRUPTED, message=f"{STOPPED}; best so far: {least.message}"
+                )
+            self._note(self.way, plan.outcome.value, plan.error)
+            if plan.outcome is Outcome.CONVERGED and "objective_value" in plan.details:
+                plans.append(self._numbered(plan))
+        least = min(plans, key=_cost)
+        self.records.sort(key=lambda record: record["attempt"] == least.details["attempt"])  # last, as ever
+        costs = sorted(map(_cost, plans))
+        message = f"{least.message}; the least of {len(plans)} plans" if len(plans) > 1 else least.message
+        return replace(least, message=message, details={**least.details, "costs_of_starts": costs})
+
+    def _numbered(self, plan: ContinuationResult) -> ContinuationResult:
+        """The plan of the last try, with its number."""
+        return replace(plan, details={**plan.details, "attempt": len(self.tried) - 1})
+
+    def _plan_from(self, start: int) -> ContinuationResult:
+        """What a seeded start leads to, the search for least cost included. Errors: Ctrl-C's."""
+        random = np.random.default_rng([self.base.seed, start])
+        initial = drawn(self.problem, random, WIDTHS[start % len(WIDTHS)])
+        plan = self._try(replace(self.problem, initial=initial), start)
+        if plan.outcome is Outcome.CONVERGED:
+            plan = self._finished(plan, self.base)
+        if plan.outcome is Outcome.INTERRUPTED:
+            raise KeyboardInterrupt
+        return plan
 
     def _ending(self, best: ContinuationResult, stopped: bool) -> Ending:
         """Of all tries, which end with the best."""
@@ -135,36 +182,54 @@ class _Search:
     def _ways(self) -> Iterator[tuple[str, ContinuationResult]]:
         """Every way in order, each tried when it is asked for."""
         problem, starts = self.problem, []
-        for start in range(1 + self.restarts):
-            if not self._may_try():
-                return
-            own = "the given start" if problem.initial is not None else "a seeded start"
-            tried = problem if start == 0 else replace(problem, initial=None)
-            self.way = own if start == 0 else f"seeded start {start} of {self.restarts}"
-            result = self._try(tried, start)
+        for way, result in self._starts(range(1 + self.restarts)):
             starts.append(result)
-            finished = self._finished(result, self.base)
-            yield own if start == 0 else f"seeded start {start}", finished
-            self._remember(finished)
+            yield way, self._remembered(self._finished(result, self.base))
             if self._hopeless(only_rates=True):
                 return
             if self._hopeless():
                 break
+        if self.given_up:
+            return
         # a drift moves the pose between manoeuvres, and forbids them another time than the one they were planned for
         joined = self._manoeuvres() if problem.system.driftless else None
         if joined is not None:
             yield f"{len(joined.control.basis.bases)} manoeuvres in sequence", joined  # type: ignore[attr-defined]
         if self._hopeless():
             return
-        walked = self._walk(min(starts, key=lambda result: result.rank))
+        nearest = min(starts, key=lambda result: result.rank)
+        walked = self._walk(nearest)
         if walked is not None:
             yield "walking the goal", walked
+        for way, result in self._starts(range(1 + self.restarts, 1 + (1 + FURTHER) * self.restarts)):
+            yield way, self._remembered(self._finished(result, self.base))
+            if self._hopeless():
+                return
+        if nearest.outcome is Outcome.ITERATION_LIMIT and self.base.max_iterations > EVALUATIONS:
+            self.way = "the nearest start, to the end"
+            solver = replace(self.base, objective="none")
+            longer = self._solve(
+                solver, begun_from(replace(problem, bounds=()), nearest.control), nearest.updates
+            )
+            yield self.way, self._finished(longer, self.base)
 
-    def _remember(self, result: ContinuationResult) -> None:
-        """The least violation of the bounds near a way's control, if the search came to rest there."""
+    def _starts(self, numbers: range) -> Iterator[tuple[str, ContinuationResult]]:
+        """Where these starts lead, 0 being the problem's own."""
+        own = "the given start" if self.problem.initial is not None else "a seeded start"
+        for start in numbers:
+            if not self._may_try():
+                return
+            tried = self.problem if start == 0 else replace(self.problem, initial=None)
+            way = own if start == 0 else f"seeded start {start}"
+            self.way = own if start == 0 else f"{way} of {numbers[-1]}"
+            yield way, self._try(tried, start)
+
+    def _remembered(self, result: ContinuationResult) -> ContinuationResult:
+        """Itself; the least violation of the bounds near its control is kept, if the search came to rest there."""
         known = result.details.get("constraints", {})
         if known.get("stalled"):
             self.stalled.append((known["stalled"], set(known.get("broken", ()))))
+        return result
 
     def _hopeless(self, only_rates: bool = False) -> bool:
         """Whether two ways have come to rest at one violation, the least that there seems to be; a judgement, no proof.
@@ -323,3 +388,12 @@ class _Search:
 def _nearness(result: ContinuationResult) -> tuple[bool, float]:
     """For the least: what only breaks a bound comes first, then the smallest error."""
     return result.outcome is not Outcome.CONSTRAINT_VIOLATED, result.rank
+
+
+def _cost(plan: ContinuationResult) -> float:
+    """What a plan costs by the objective that was searched for less."""
+    return float(plan.details["objective_value"])
+
+
+def _alike(one: ContinuationResult, other: ContinuationResult) -> bool:
+    return abs(_cost(one) - _cost(other)) <= ALIKE * abs(_cost(other))

@@ -31,9 +31,13 @@ def confirmed(
     """
     solver = replace(solver, integrator=resolving(solver.integrator, problem.basis))
     claimed, error = solver.find(problem, progress, updates), np.inf
-    for correction in range(CORRECTIONS + 1):
+    begun = (
+        claimed.integrator != solver.integrator
+    )  # the search for least cost has gone over to finer steps itself
+    for correction in range(begun, CORRECTIONS + 1):
         if claimed.outcome is not Outcome.CONVERGED:
             return claimed
+        solver = replace(solver, integrator=claimed.integrator)
         error = missed(problem, claimed.control, solver.integrator)
         if error <= solver.tolerance:
             return claimed

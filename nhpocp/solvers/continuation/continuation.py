@@ -20,7 +20,7 @@ from nhpocp.declared import check
 from nhpocp.errors import expect
 from nhpocp.flow.end_point_map import DifferentiatedEndPointMap, EndPointMapFactory
 from nhpocp.flow.integrators import Integrator, RungeKutta4
-from nhpocp.flow.step_error import StepError, resolving
+from nhpocp.flow.step_error import StepError, finer, resolving
 from nhpocp.interruption import STOPPED
 from nhpocp.objectives.registry import costs_of_motion
 from nhpocp.outcome import Outcome
@@ -111,23 +111,30 @@ class _Loop:
         began = perf_counter()
         solver = replace(solver, integrator=resolving(solver.integrator, problem.basis))
         self.solver, self.problem, self.horizon = solver, problem, problem.horizon.fixed
-        self.map = solver.sensitivity(
-            problem.system,
-            problem.basis,
-            self.horizon,
-            problem.start_point,
-            solver.integrator,
-            [task.share for task in problem.tasks[:-1]],
-            along=solver.inverse.looks_along,
-        )
-        coordinates = Coordinates.natural(solver.metric, problem.basis, problem.scales.inputs, self.horizon)
-        evaluator = Evaluator(problem, self.map, solver.inverse, coordinates)
+        self.integrator = solver.integrator
+        evaluator = self._evaluator()
+        self.map = evaluator.map
         rule, tolerance = solver.step_rule, solver.tolerance
         self.budget = Budget(1 + solver.max_iterations * rule.evaluations)
         self.evaluate = RecordedEvaluator(evaluator, self.budget, rule, tolerance, progress, updates)
         self.criteria = StopCriteria(tolerance, sum(task.size for task in problem.tasks), self.budget)
         self.details: dict[str, Any] = {}
         self.build_seconds = perf_counter() - began
+
+    def _evaluator(self) -> Evaluator:
+        """Of controls, by the integrator of the moment."""
+        solver, problem = self.solver, self.problem
+        end_point_map = solver.sensitivity(
+            problem.system,
+            problem.basis,
+            self.horizon,
+            problem.start_point,
+            self.integrator,
+            [task.share for task in problem.tasks[:-1]],
+            along=solver.inverse.looks_along,
+        )
+        coordinates = Coordinates.natural(solver.metric, problem.basis, problem.scales.inputs, self.horizon)
+        return Evaluator(problem, end_point_map, solver.inverse, coordinates)
 
     def result(self) -> ContinuationResult:
         """Of the whole solve, whatever happens."""
@@ -156,6 +163,7 @@ class _Loop:
                 self.details,
                 self.build_seconds,
                 seconds,
+                self.integrator,
                 self.evaluate.updates,
             )
 
@@ -184,25 +192,38 @@ class _Loop:
 
     def _improve(self, reached: Evaluation) -> Ending:
         """Every bound, and the least cost, without leaving the goal; the better control becomes the current one."""
-        solver, problem, evaluate = self.solver, self.problem, self.evaluate
-        step_error = StepError(problem, solver.integrator, self.horizon)
-        residuals = ResolvedResiduals(evaluate, step_error, reached, solver.tolerance)
-        evaluate.phase = (
-            "into the bounds" if solver.objective == "none" else f"to the least {solver.objective}"
+        evaluate, allowed = self.evaluate, self.solver.max_iterations
+        wanted = (
+            "into the bounds" if self.solver.objective == "none" else f"to the least {self.solver.objective}"
         )
-        self.budget.extend(solver.max_iterations)  # bounds each of the two phases
-        improved = LeastCost(
-            problem,
-            self.horizon,
-            solver.integrator,
-            solver.objective,
-            solver.tolerance,
-            residuals,
-            reached.coefficients,
-        ).run()
+        evaluate.phase = wanted
+        self.budget.extend(allowed)  # bounds each of the phases
+        improved = self._least_cost(reached).run()
+        if improved.held:  # by a surface that no path crosses, or where these steps are too coarse
+            evaluate.phase, self.integrator = f"{wanted}, with finer steps", finer(self.integrator)
+            evaluate.evaluator = self._evaluator()
+            self.budget.extend(1 + allowed)
+            off = self._least_cost(evaluate(improved.coefficients, 0.0)).run(off=True)
+            if off.moved:
+                improved = replace(off, details={**improved.details, **off.details})
         if improved.moved:
             self.budget.extend(1)
             reached = evaluate(improved.coefficients, 0.0)
             evaluate.accept(reached)
         self.details = improved.details
         return Ending(improved.outcome, f"{arrival(reached.error, evaluate.updates)}; {improved.sentence}")
+
+    def _least_cost(self, reached: Evaluation) -> LeastCost:
+        """The search from a control that reaches the goal."""
+        solver, problem = self.solver, self.problem
+        step_error = StepError(problem, self.integrator, self.horizon)
+        residuals = ResolvedResiduals(self.evaluate, step_error, reached, solver.tolerance)
+        return LeastCost(
+            problem,
+            self.horizon,
+            self.integrator,
+            solver.objective,
+            solver.tolerance,
+            residuals,
+            reached.coefficients,
+        )

@@ -61,8 +61,12 @@ SENSITIVITIES: Family[Any] = Family(
 class JacobianSettings(SolverSettings):
     """The Jacobian method: continuation by [Paper] eqs. (16)-(17)."""
 
-    step_rule: str = declared.choice("euler", [*STEP_RULES, "auto"], "how far a step goes")
-    gamma: float = declared.positive(0.1, "γ of (17), the share of the error that a step should remove")
+    step_rule: str = declared.choice(
+        "auto", [*STEP_RULES, "auto"], "how far a step goes; auto: other ways too"
+    )
+    gamma: float = declared.positive(
+        0.1, "γ of (17) for euler and ode, the share of the error that a step should remove"
+    )
     inverse: str = declared.choice(
         "moore_penrose",
         INVERSES,
@@ -72,7 +76,9 @@ class JacobianSettings(SolverSettings):
         "coefficients", METRICS, "size of a control: of its coefficients (the paper's), or ∫|control|²"
     )
     tolerance: float = declared.positive(1e-3, "the error E at which to stop")
-    max_iterations: int = declared.whole(500, "updates before giving up, in each try")
+    max_iterations: int = declared.whole(
+        500, "updates before giving up, in each try; auto: 25 while others are left"
+    )
     integrator: str = declared.choice("rk4", INTEGRATORS, "own RK4, or one of CasADi's")
     steps: int = declared.count(100, "integration steps over the horizon")
     sensitivity: str = declared.choice(
@@ -87,9 +93,6 @@ class JacobianSettings(SolverSettings):
     seed: int = declared.whole(0, "of everything random")
 
     meaning: ClassVar[str] = "the Jacobian method"
-    shown: ClassVar[Mapping[str, tuple[str, str]]] = {
-        "step_rule": ("auto", "default euler, the paper's (17); auto reaches more")
-    }
 
     def solver(self, kernels: Kernels | None, others: Mapping[str, Solver]) -> Solver:
         from nhpocp.solvers.continuation.auto import Auto

@@ -40,6 +40,10 @@ CORRECTIONS = 6  # steps of Newton's method back to the surface
 NOTHING = 1e-14  # of the cost: a predicted reduction not worth a step
 NOISE = 1e-13  # of the cost: what rounding may add to it
 PATIENCE = 10  # steps in a row that reduce it by no more than that
+SLIGHT, HELD = (
+    1e-4,
+    4,
+)  # of the cost, and so many steps in a row that gain less and were cut short by unusable controls
 
 
 @dataclass(frozen=True)
@@ -86,7 +90,7 @@ def minimise(
     point = search.best
     first = model = Curvature.first(curvature, len(y))
     history: list[dict[str, Any]] = []
-    fresh, stationary, idle = True, False, 0
+    fresh, stationary, idle, held = True, False, 0, 0
     for k in range(most):
         history.append({"k": k, "cost": point.f, "optimality": float(norm(point.residual))})
         step = point.step(model)
@@ -107,9 +111,11 @@ def minimise(
             continue
         change = there.lagrangian_slope(there.mu) - point.lagrangian_slope(there.mu)
         model, fresh = model.updated(there.y - point.y, change), False
-        idle = idle + 1 if search.reduction(point, there) < NOISE * abs(point.f) else 0
+        gain = search.reduction(point, there) / (abs(point.f) or 1.0)
+        idle = idle + 1 if gain < NOISE else 0
+        held = held + 1 if search.blocked and gain < SLIGHT else 0
         point = there
-        if idle == PATIENCE:  # held by the controls that may not be used
+        if idle == PATIENCE or held == HELD:  # by the controls that may not be used
             break
     search.settle(point)
     converged = stationary and not budget.refused
@@ -168,6 +174,7 @@ class _Search:
     def __init__(self, surface: Surface, cost: Cost, y: Array, goal: float) -> None:
         self.surface, self.cost, self.goal = surface, cost, goal
         self.reach: float | None = None  # the longest step that is tried, from what the last one told
+        self.blocked = False  # whether the last step met a control that cannot be used
         first = self.restored(y, far=np.inf)
         if first is None:
             raise NoSurfaceError("the search must start near a usable control that reaches the goal")
@@ -198,6 +205,7 @@ class _Search:
         for _ in range(CORRECTIONS):
             evaluated, seen = (seen.e, seen.J) if seen else self.surface(y), None
             if evaluated is None:
+                self.blocked = True
                 return None
             e, J = evaluated
             size, back = norm(e), np.linalg.lstsq(J, e, rcond=None)[0]
@@ -218,6 +226,7 @@ class _Search:
         size = norm(step.along)
         reach = self.reach or FIRST_REACH * (1.0 + norm(point.y))
         fraction = min(1.0, reach / size) if size > 0 else 1.0
+        self.blocked = False
         for _ in range(HALVINGS):
             least = 1e-4 * fraction * step.predicted - NOISE * abs(point.f)
             y = point.y + step.normal + fraction * step.along

@@ -16,6 +16,7 @@ from nhpocp.horizon import Horizon
 from nhpocp.outcome import Outcome
 from nhpocp.problem import PlanningProblem
 from nhpocp.solvers.continuation.continuation import Continuation
+from nhpocp.solvers.continuation.continuation_result import MISSED
 from nhpocp.solvers.continuation.generalized_inverses import Damped, Transpose
 from nhpocp.solvers.continuation.step_rules import Adaptive, Euler, Ode
 from nhpocp.solvers.metrics import CoefficientMetric, L2Metric
@@ -218,6 +219,7 @@ def solved(problem, **settings):
     solution = planning.solve(problem, Continuation(**settings))
     assert not solution.converged
     assert solution.outcome.advice in solution.message
+    assert ("`step_rule: auto`" in solution.message) == (solution.outcome in MISSED)
     assert len(solution.trajectory["t"]) == problem.samples
     return solution
 
