@@ -8,6 +8,7 @@ With names of problems: only their motions.
 from __future__ import annotations
 
 import shutil
+import re
 import sys
 import tempfile
 from collections.abc import Iterator
@@ -40,7 +41,7 @@ def main() -> None:
         if sys.argv[1:] and file.stem not in sys.argv[1:]:
             continue
         problem = nhpocp.load_problem(file)
-        solution = nhpocp.solve(problem)
+        solution = nhpocp.solve(problem, named_solver(file))
         save(motion(solution), f"{file.stem}_motion")
         if sys.argv[1:]:
             continue
@@ -51,6 +52,12 @@ def main() -> None:
     if not sys.argv[1:]:
         draw_singularities()
         draw_functional_flow()
+
+
+def named_solver(file: Path) -> str:
+    """The solver that a file's first comment names, as in `# nlp: …`; the Jacobian method otherwise."""
+    named = re.search(r"^# (nlp|sinusoids): ", file.read_text(encoding="utf-8"), flags=re.MULTILINE)
+    return named[1] if named else "jacobian"
 
 
 def save(figure: Any, name: str) -> None:
