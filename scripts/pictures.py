@@ -7,8 +7,8 @@ With names of problems: only their motions.
 
 from __future__ import annotations
 
-import shutil
 import re
+import shutil
 import sys
 import tempfile
 from collections.abc import Iterator
@@ -73,8 +73,8 @@ def save(figure: Any, name: str) -> None:
 
 def motion(solution: nhpocp.Solution) -> Figure:
     """A motion for the gallery: the mechanism at the start and in the middle, the goal as a ghost, the path."""
-    path = path_of(solution)
-    points, goal = drawing.path_points(solution, path), drawing.goal_pose(solution)
+    path, system = path_of(solution), solution.problem.system
+    points, goal = drawing.path_points(solution, path), drawing.goal_pose(solution.problem)
     poses = drawing.poses_of(solution)[:2]
     shown = [pose.drawing for pose in [*poses, *([goal] if goal else [])]]
     low, high = drawing.extent(*shown, points=points)
@@ -82,8 +82,8 @@ def motion(solution: nhpocp.Solution) -> Figure:
         figure = Figure(figsize=(4.4, 2.2))
         for i, pose in enumerate(poses):
             box = (i / 2, 0.04, 0.48, 0.88)
-            names = drawing.axis_names(solution.problem.system, len(low), solution.problem.units)
-            axes = drawing.add_view(figure, box, low, high, names, zoom=0.84)
+            names = drawing.axis_names(system, len(low), solution.problem.units)
+            axes = drawing.add_view(figure, box, low, high, names, 0.84, not system.plotted)
             if goal:
                 drawing.plot_robot(axes, goal.drawing, ghost=True)
             drawing.plot_robot(axes, pose.drawing)

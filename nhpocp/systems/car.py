@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from nhpocp.arrays import Array, dot, namespace
 from nhpocp.state_space import StateSpace, scalar
-from nhpocp.systems.planar import across, along, box, outline, wheels
+from nhpocp.systems.planar import across, along, vehicle, wheels
 from nhpocp.systems.system import Parameter, System
 
 if TYPE_CHECKING:
@@ -79,9 +79,9 @@ class Car(System):
         front = here + size * along(theta)
         return {
             "lines": {
-                "body": outline(here, theta, box(-0.3, 1.3, 0.32), size),
-                **wheels("rear wheel", here, theta, 0.3 * size, size),
-                **wheels("front wheel", front, theta, 0.3 * size, size, state[3]),
+                **wheels("rear wheel", here, theta, 0.23 * size, size),
+                **wheels("front wheel", front, theta, 0.23 * size, size, state[3]),
+                **vehicle("body", here, theta, 1.0, size),
             },
             "points": {},
             "trace": here,

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from nhpocp.arrays import Array, dot, namespace
 from nhpocp.errors import InvalidProblemError
 from nhpocp.state_space import StateSpace, scalar, vector
-from nhpocp.systems.planar import across, along, box, outline, wheels
+from nhpocp.systems.planar import across, along, box, link, outline, vehicle, wheels
 from nhpocp.systems.system import Parameter, System
 
 if TYPE_CHECKING:
@@ -136,22 +136,19 @@ class CarWithTrailers(System):
         return ChainedForm(self, 0, of_axle(axis), of_axle(side), assemble)
 
     def drawing(self, state: Array) -> dict[str, Any]:
-        """Tractor and trailers with their wheels and drawbars."""
-        xp, axles, size = namespace(state), self.axles(state), min(self.lengths)
-        lines = {
-            "tractor": outline(
-                axles[0],
-                state[2],
-                [(0.75, 0.0), (0.4, 0.25), (-0.25, 0.25), (-0.25, -0.25), (0.4, -0.25), (0.75, 0.0)],
-                size,
-            ),
-            **wheels("wheel", axles[0], state[2], 0.25 * size, size),
-        }
+        """Tractor and trailers with their wheels, and drawbars to the hitches, behind the axles or on them."""
+        axles, size = self.axles(state), min(self.lengths)
+        lines = wheels("wheel", axles[0], state[2], 0.23 * size, size)
+        lines |= vehicle("tractor", axles[0], state[2], self._nose() / size, size)
+        hitches = []
         for i, here in enumerate(axles[1:], start=1):
             theta, length = state[2 + i], self.lengths[i - 1]
-            lines[f"trailer {i}"] = outline(here, theta, box(-0.25 * size, 0.6 * length, 0.22 * size))
-            lines[f"drawbar {i}"] = xp.rows(
-                [here + 0.6 * length * along(theta), here + length * along(theta)]
-            )
-            lines |= wheels(f"wheel of trailer {i}", here, theta, 0.25 * size, size)
-        return {"lines": lines, "points": {}, "trace": axles[-1]}
+            hitches.append(here + length * along(theta))
+            lines[f"drawbar {i}"] = link(here, hitches[-1], 0.04 * size)
+            lines |= wheels(f"wheel of trailer {i}", here, theta, 0.23 * size, size)
+            lines[f"trailer {i}"] = outline(here, theta, box(-0.25 * size, length - 0.45 * size, 0.22 * size))
+        return {"lines": lines, "points": {"hitches": namespace(state).rows(hitches)}, "trace": axles[-1]}
+
+    def _nose(self) -> float:
+        """From the tractor's axle ahead to where its bonnet begins."""
+        return 0.4 * min(self.lengths)

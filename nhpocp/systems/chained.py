@@ -33,6 +33,7 @@ class Chained(System):
         "control": {"harmonics": 1, "initial": [[0, 2, 0], [0, 0, 2]]},
     }
     input_space = StateSpace([scalar("u1"), scalar("u2")])
+    plotted = ("x_1", "x_2, \\dots, x_n")
     n: int
 
     def __init__(self, n: int = 3) -> None:

@@ -37,6 +37,7 @@ class DoubleIntegrator(System):
             [vector("q", self.n, "length"), vector("q_dot", self.n, "length", symbol=r"\dot q", rate=True)]
         )
         self.input_space = StateSpace([vector("u", self.n, "length")])
+        self.plotted = ("q", r"\dot q") if self.n == 1 else ()
 
     def vector_fields(self, state: Array) -> Array:
         xp = namespace(state)

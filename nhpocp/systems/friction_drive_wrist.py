@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 from nhpocp.arrays import Array, cross, namespace
 from nhpocp.errors import InvalidProblemError
 from nhpocp.state_space import StateSpace, rotation, scalar
-from nhpocp.systems.solids import ball, facet, great_circle, rod
+from nhpocp.systems.solids import ball, disc, facet, great_circle, rod
 from nhpocp.systems.system import Parameter, System
 
 
@@ -79,10 +79,8 @@ class FrictionDriveWrist(System):
         }
         for i, contact in enumerate(self._contacts()):
             n = xp.array(list(contact))
-            middle, axle = (
-                (size + self.roller_radius) * n,
-                self.roller_radius * xp.array([-contact[1], contact[0], 0.0]),
-            )
-            lines[f"roller {i + 1}"] = xp.rows([middle - axle, middle + axle])
-            solids[f"roller {i + 1}"] = rod(middle - axle, middle + axle, self.roller_radius)
+            middle, axle = (size + self.roller_radius) * n, xp.array([-contact[1], contact[0], 0.0])
+            thick = 0.5 * self.roller_radius * axle
+            lines[f"roller {i + 1}"] = disc(middle, axle, self.roller_radius)
+            solids[f"roller {i + 1}"] = rod(middle - thick, middle + thick, self.roller_radius)
         return {"lines": lines, "points": {}, "trace": tip, "solids": solids}

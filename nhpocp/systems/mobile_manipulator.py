@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from typing import Any, ClassVar
 
 from nhpocp.arrays import Array, dot, namespace
 from nhpocp.errors import InvalidProblemError
 from nhpocp.state_space import StateSpace, scalar, vector
-from nhpocp.systems.planar import across, along, box, outline, wheels
+from nhpocp.systems.planar import across, along, box, link, outline, wheels
 from nhpocp.systems.system import Parameter, System
 
 
@@ -100,12 +101,13 @@ class MobileManipulator(System):
     def drawing(self, state: Array) -> dict[str, Any]:
         """The base with its two wheels, and the arm."""
         xp, (places, _), half = namespace(state), self._arm(state), 0.5 * self.track
-        front = max(self.base_offset, half)
+        front, thick = max(self.base_offset + 0.3 * half, half), 0.06 * max(self.links)
+        arm = {f"link {i + 1}": link(*ends, thick) for i, ends in enumerate(pairwise(places))}
         return {
             "lines": {
-                "base": outline(state[:2], state[2], box(-half, front, half)),
-                **wheels("wheel", state[:2], state[2], half, self.track),
-                "arm": xp.rows(places),
+                **wheels("wheel", state[:2], state[2], half, 1.6 * self.track),
+                "base": outline(state[:2], state[2], box(-0.8 * half, front, 0.9 * half)),
+                **arm,
             },
             "points": {"joints": xp.rows(places[:-1]), "tip": xp.rows([places[-1]])},
             "trace": places[-1],

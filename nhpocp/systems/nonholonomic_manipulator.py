@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from nhpocp.arrays import Array, namespace
 from nhpocp.errors import InvalidProblemError
 from nhpocp.state_space import StateSpace, scalar, vector
-from nhpocp.systems.planar import along
+from nhpocp.systems.planar import along, link
 from nhpocp.systems.system import Parameter, System
 
 if TYPE_CHECKING:
@@ -85,9 +86,10 @@ class NonholonomicManipulator(System):
         for i in range(len(self.gains) + 1):
             heading = heading + state[1 + i]
             places.append(places[-1] + along(heading))
-        shaft = places[-1] + 0.3 * along(heading + state[0])
+        lines = {f"link {i + 1}": link(*ends, 0.09) for i, ends in enumerate(pairwise(places))}
+        lines["last shaft"] = xp.rows([places[-1], places[-1] + 0.3 * along(heading + state[0])])
         return {
-            "lines": {"arm": xp.rows(places), "last shaft": xp.rows([places[-1], shaft])},
-            "points": {"joints": xp.rows(places[:-1])},
+            "lines": lines,
+            "points": {"joints": xp.rows(places)},
             "trace": places[-1],
         }

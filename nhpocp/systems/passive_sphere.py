@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 from nhpocp.arrays import Array, cross, dot, namespace
 from nhpocp.errors import InvalidProblemError
 from nhpocp.state_space import StateSpace, rotation, scalar, vector
-from nhpocp.systems.solids import ball, facet, great_circle, rod
+from nhpocp.systems.solids import ball, disc, facet, great_circle, rod
 from nhpocp.systems.system import Parameter, System
 
 AZIMUTHS = (0.0, 2 * pi / 3, -2 * pi / 3)  # of the rollers, seen from above
@@ -92,7 +92,7 @@ class PassiveSphere(System):
 
     def drawing(self, state: Array) -> dict[str, Any]:
         """The ball, and the rollers under it as they are steered."""
-        xp, size, values = namespace(state), self.radius, self.state_space.unpack(state)
+        size, values = self.radius, self.state_space.unpack(state)
         turned, alpha = values["orientation"], values["alpha"]
         centre = 0.0 * turned[:, 2]
         lines = {f"circle {i + 1}": great_circle(centre, turned, i, size) for i in range(3)}
@@ -100,7 +100,9 @@ class PassiveSphere(System):
         solids = {"ball": ball(centre, turned, size, "circle", "octant")}
         steered = [alpha[0], alpha[1], self.outputs(state, state[:3])["alpha3"]]
         for i, angle in enumerate(steered):
-            middle, axle = 1.2 * size * self._frame(i)[0], 0.15 * size * self.axle(i, angle)
-            lines[f"roller {i + 1}"] = xp.rows([middle - axle, middle + axle])
-            solids[f"roller {i + 1}"] = rod(middle - axle, middle + axle, 0.2 * size)
+            middle, axle = 1.3 * size * self._frame(i)[0], self.axle(i, angle)
+            lines[f"roller {i + 1}"] = disc(middle, axle, 0.3 * size)
+            solids[f"roller {i + 1}"] = rod(
+                middle - 0.08 * size * axle, middle + 0.08 * size * axle, 0.3 * size
+            )
         return {"lines": lines, "points": {}, "trace": size * turned[:, 2], "solids": solids}

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from math import sqrt
 from typing import Any, ClassVar
 
 from nhpocp.arrays import Array, cross, namespace
 from nhpocp.errors import InvalidProblemError
 from nhpocp.state_space import StateSpace, rotation, vector
-from nhpocp.systems.solids import ball, body_axes, facet
+from nhpocp.systems.solids import body_axes, cuboid
 from nhpocp.systems.system import Parameter, System
 
 
@@ -60,8 +61,11 @@ class RigidBody(System):
         return values["orientation"].T @ velocity[:3] - values["omega"]
 
     def drawing(self, state: Array) -> dict[str, Any]:
-        """The body's axes and the triangle of their tips; the first axis is followed."""
+        """The cuboid that has these moments of inertia, to a scale, and its axes; a corner of it is followed."""
         turned, centre = self.state_space.unpack(state)["orientation"], 0.0 * state[:3]
-        lines = {**body_axes(centre, turned, 1.0), "octant": facet(centre, turned, 0.8)}
-        solids = {"body": ball(centre, turned, 0.5)}
-        return {"lines": lines, "points": {}, "trace": turned[:, 0], "solids": solids}
+        total = sum(self.inertia)
+        squares = [max(total - 2.0 * moment, 0.01 * total) for moment in self.inertia]
+        half = [0.8 * sqrt(square / max(squares)) for square in squares]
+        lines = {**cuboid(centre, turned, half), **body_axes(centre, turned, 1.1)}
+        corner = sum(half[i] * turned[:, i] for i in range(3))
+        return {"lines": lines, "points": {"corner": namespace(state).rows([corner])}, "trace": corner}

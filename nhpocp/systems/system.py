@@ -126,6 +126,9 @@ class System(Frozen, Shown):
     # what `outputs` gives; None: nothing is known of it but the shapes, once a problem is built
     output_blocks: Sequence[Block] | None = None
 
+    # LaTeX of the two numbers that `drawing` shows against each other, where these are no places in the plane
+    plotted: Sequence[str] = ()
+
     # a task with the default parameters, for `nhpocp init`: `start`, `goal` and, where the control to begin with
     # matters, `control`, as a problem file writes them
     example: ClassVar[Mapping[str, Any]] = {}
@@ -324,7 +327,8 @@ class System(Frozen, Shown):
         """Plain arrays for pictures: ``{"lines": {name: (n, 3)}, "points": {name: (n, 3)}}``, in the state's units.
 
         A mechanism in the plane gives (n, 2) throughout and is seen from above. Closed lines are bodies, "leg 1" is
-        the first of the kind "leg". ``"trace"``, (3,) or (2,), is the point whose path is drawn, if there is one.
+        the first of the kind "leg"; closed lines with "wheel", "roller", "drawbar" or "window" among the words of their
+        names are dark parts of them. ``"trace"``, (3,) or (2,), is the point whose path is drawn, if there is one.
 
         ``"solids"``, {name: solid}, in space only, is what the animation shows where that looks more like the machine;
         pictures on paper leave it out. A solid is a round bar, {"ends": (2, 3), "radius"}, shown as a cylinder with a

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 from nhpocp.arrays import Array, dot, namespace
 from nhpocp.state_space import StateSpace, scalar, vector
-from nhpocp.systems.planar import across, along
+from nhpocp.systems.planar import across, along, link, wheel
 from nhpocp.systems.system import Parameter, System
 
 AZIMUTHS = (0.0, 2 * pi / 3, -2 * pi / 3)  # of the links' joints on the plate
@@ -88,13 +88,15 @@ class TridentSnake(System):
 
     def drawing(self, state: Array) -> dict[str, Any]:
         """The plate, and three links with the wheels at their ends."""
-        xp, here, lines = namespace(state), state[:2], {}
+        xp, here, joints = namespace(state), state[:2], self._joints(state)
         around = [self.radius * along(state[2] + 2 * pi * k / 36) for k in range(37)]
-        lines["plate"] = xp.rows([here + place for place in around])
-        for i, (place, beta) in enumerate(self._joints(state)):
+        lines = {"plate": xp.rows([here + place for place in around])}
+        for i, (place, beta) in enumerate(joints):
             end = here + place + self.link * along(beta)
-            lines[f"link {i + 1}"] = xp.rows([here + place, end])
-            lines[f"wheel of link {i + 1}"] = xp.rows(
-                [end - 0.2 * self.link * along(beta), end + 0.2 * self.link * along(beta)]
-            )
-        return {"lines": lines, "points": {"centre": xp.rows([here])}, "trace": here}
+            lines[f"link {i + 1}"] = link(here + place, end, 0.06 * self.link)
+            lines[f"wheel of link {i + 1}"] = wheel(end, beta, 1.4 * self.link)
+        return {
+            "lines": lines,
+            "points": {"joints": xp.rows([here + place for place, _ in joints])},
+            "trace": here,
+        }

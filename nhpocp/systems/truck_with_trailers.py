@@ -73,5 +73,8 @@ class TruckWithTrailers(CarWithTrailers):
         """The train, and the front wheels as they are steered."""
         drawn, size = super().drawing(state[:-2]), min(self.lengths)
         front = state[:2] + self.wheelbase * along(state[2])
-        drawn["lines"] |= wheels("front wheel", front, state[2], 0.25 * size, size, state[-1])
-        return drawn
+        lines = wheels("front wheel", front, state[2], 0.23 * size, size, state[-1]) | drawn["lines"]
+        return {**drawn, "lines": lines}
+
+    def _nose(self) -> float:
+        return self.wheelbase

@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from nhpocp.arrays import Array, namespace
 from nhpocp.state_space import StateSpace, scalar
+from nhpocp.systems.planar import NOSE, outline, wheel
 from nhpocp.systems.system import System
 
 if TYPE_CHECKING:
     from nhpocp.systems.chained_form import ChainedForm
 
-LENGTH = 0.15  # of the drawn body
+LENGTH = 0.2  # of the drawn body
 
 
 class Unicycle(System):
@@ -58,14 +59,11 @@ class Unicycle(System):
 
     def drawing(self, state: Array) -> dict[str, Any]:
         """The body with its nose ahead, from above, and the wheel."""
-        xp, here = namespace(state), state[:2]
-        along = LENGTH * xp.vector([xp.cos(state[2]), xp.sin(state[2])])
-        across = xp.vector([-along[1], along[0]])
-        corners = [(1.2, 0.0), (0.5, 0.5), (-0.7, 0.5), (-0.7, -0.5), (0.5, -0.5), (1.2, 0.0)]
+        here, theta = state[:2], state[2]
         return {
             "lines": {
-                "body": xp.rows([here + a * along + b * across for a, b in corners]),
-                "wheel": xp.rows([here - 0.35 * along, here + 0.35 * along]),
+                "body": outline(here, theta, NOSE, LENGTH),
+                "wheel": wheel(here, theta, 2.0 * LENGTH),
             },
             "points": {},
             "trace": here,

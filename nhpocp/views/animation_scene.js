@@ -70,13 +70,15 @@ class Scene {
     const tall = this.flat ? this.half[1] : this.half[2] * Math.cos(e) + this.round * Math.abs(Math.sin(e));
     const [across, down] = this.flat ? [this.width - 74, this.height - 62] : [this.width - Math.min(90, 0.2 * this.width), this.height - 46];
     this.scale = zoom * Math.max(1e-3, Math.min(across / (2 * wide), down / (2 * tall)));
+    this.rise = this.run.stretched ? (down * wide) / (across * tall) : 1; // numbers that are no places fill the plane
+    if (this.run.stretched) this.scale = zoom * Math.max(1e-3, across / (2 * wide));
     this.origin = this.flat ? [this.width / 2 + 25, this.height / 2 - 18] : [this.width / 2, this.height / 2 - 2];
     this.origin = add(this.origin, this.camera.shift);
   }
 
   project(point) {
     const d = add(lift(point), this.middle, -1);
-    return [this.origin[0] + this.scale * dot(d, this.right), this.origin[1] - this.scale * dot(d, this.up)];
+    return [this.origin[0] + this.scale * dot(d, this.right), this.origin[1] - this.scale * this.rise * dot(d, this.up)];
   }
 
   depth(point) { return this.flat ? 0 : dot(point, this.eye); } // in the plane what comes later lies on top

@@ -135,7 +135,7 @@ def mechanism(
     for pose, (left, bottom, width, height) in zip(poses, boxes, strict=True):
         # room for the name of the z axis, and for words over the view
         box = (left, bottom, 0.96 * width, 0.93 * height)
-        axes = drawing.add_view(figure, box, low, high, names, zoom=0.84)
+        axes = drawing.add_view(figure, box, low, high, names, 0.84, not system.plotted)
         if goal:
             drawing.plot_robot(axes, goal.drawing, ghost=True)
         drawing.plot_robot(axes, pose.drawing)

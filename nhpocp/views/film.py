@@ -103,7 +103,7 @@ def _scene(figure: Any, box: tuple[float, float, float, float], shot: _Shot, clo
     system, points = shot.entry.solution.problem.system, shot.points
     k = int(np.argmin(np.abs(shot.times - clock)))
     names = drawing.axis_names(system, len(shot.corners[0]), shot.entry.solution.problem.units)
-    axes = drawing.add_view(figure, box, *shot.corners, names, zoom=0.95)
+    axes = drawing.add_view(figure, box, *shot.corners, names, 0.95, not system.plotted)
     for end in shot.ends:
         drawing.plot_robot(axes, end, ghost=True)
     drawing.plot_robot(axes, drawn(system, shot.states[k]))
