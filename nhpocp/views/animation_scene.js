@@ -384,7 +384,7 @@ class Scene {
       const best = spots.reduce((a, b) => (b[0] > a[0] ? b : a));
       if (before && Math.hypot(best[0] - before[0], best[1] - before[1] - 10) < 16) best[1] = before[1] - 6;
       before = best;
-      say(ghost.words, best[0] + 7, best[1] + (ghost.words === "goal" ? -4 : 6), ghost.words === "goal" ? "#0b5d1e" : "#4d4d4d", "left");
+      say(ghost.words, Math.min(best[0] + 7, this.width - 6 - pen.measureText(ghost.words).width), best[1] + (ghost.words === "goal" ? -4 : 6), ghost.words === "goal" ? "#0b5d1e" : "#4d4d4d", "left");
     }
     for (const crossing of this.run.crossings) {
       if (!crossing.point) continue;

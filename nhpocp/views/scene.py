@@ -90,9 +90,7 @@ def scene(solution: Solution, most: int) -> dict[str, Any]:
         "stretched": bool(system.plotted),
         "low": low.tolist(),
         "high": high.tolist(),
-        "axes": [
-            name.replace("$", "") for name in drawing.axis_names(system, len(low), solution.problem.units)
-        ],
+        "axes": [plain_words(name) for name in drawing.axis_names(system, len(low), solution.problem.units)],
     }
 
 
