@@ -52,11 +52,11 @@ class DoubleIntegrator(System):
     def drawing(self, state: Array) -> dict[str, Any]:
         """The mass in the plane of its first two coordinates, or in the phase plane (q, q̇), and its velocity."""
         xp = namespace(state)
+        here, tip = state[:2], state[:2] + 0.2 * state[self.n : self.n + 2]
         if self.n == 1:
-            return {"lines": {}, "points": {"mass": xp.rows([state])}, "trace": state}
-        here, speed = state[:2], state[self.n : self.n + 2]
+            tip = xp.vector([state[0], 0.0])
         return {
-            "lines": {"velocity": xp.rows([here, here + 0.2 * speed])},
+            "lines": {"velocity": xp.rows([here, tip])},
             "points": {"mass": xp.rows([here])},
             "trace": here,
         }
