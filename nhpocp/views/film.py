@@ -28,6 +28,7 @@ FRAMES, SECONDS, REST = 48, 4.8, 1.2  # of the motion, and how long its end stan
 SIDE = 3.6  # inches a scene
 DOTS = {"gif": 150, "mp4": 200}  # per inch
 PALETTE = 96
+NEARLY_WHITE = 248  # a shade that counts as white
 
 
 def check_writer(kind: str) -> None:
@@ -124,12 +125,10 @@ def _write_gif(images: Iterator[Image.Image], file: Path) -> None:
     sheet_of_colours = Image.new("RGB", (pictures[0].width, 3 * pictures[0].height))
     for i, picture in enumerate((pictures[0], pictures[len(pictures) // 2], pictures[-1])):
         sheet_of_colours.paste(picture, (0, i * picture.height))
-    # the usual median cut would mix the paper's white with its neighbours, and this one may round it
+    # the usual median cut would mix the paper's white with its neighbours
     palette = sheet_of_colours.quantize(PALETTE, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
-    colours = (palette.getpalette() or [])[: 3 * PALETTE]
-    sums = [sum(colours[k : k + 3]) for k in range(0, len(colours), 3)]
-    lightest = 3 * sums.index(max(sums))
-    palette.putpalette([*colours[:lightest], 255, 255, 255, *colours[lightest + 3 :]])
+    # Pillow looks a colour up in cells of a few shades: nearly white would take the paper's place
+    palette.putpalette([255 if shade >= NEARLY_WHITE else shade for shade in palette.getpalette() or []])
     frames = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
     steps = [round(1000 * SECONDS / FRAMES)] * (len(frames) - 1) + [round(1000 * REST)]
     frames[0].save(
