@@ -7,8 +7,8 @@ With names of problems: only their motions.
 
 from __future__ import annotations
 
-import shutil
 import re
+import shutil
 import sys
 import tempfile
 from collections.abc import Iterator

@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 import nhpocp
-from nhpocp.problem import PlanningProblem
 
 FILES = sorted((Path(__file__).parents[2] / "problems").glob("*.yaml"))
 PROBLEMS = {file.stem: nhpocp.load_problem(file) for file in FILES}
