@@ -79,6 +79,7 @@ def test_a_marble_spins_in_place_where_rubber_has_to_roll_around():
     problem = problem_of("rolling_sphere", ["system.contact=marble", "control.initial=auto"])
     assert by_nlp(problem, 50).costs["effort"] == pytest.approx((pi / 2) ** 2, rel=1e-6)
 
+
 TURNS = {
     "a third about (1, 1, 1)": ({"rotvec": [2 * pi / 3 / sqrt(3)] * 3}, 8.0871754459),
     "a half about (1, 0, 1)": ({"rotvec": [pi / sqrt(2), 0, pi / sqrt(2)]}, 15.5071402938),
