@@ -27,6 +27,7 @@ SPACE = ("$x$", "$y$", "$z$")
 DARK, PARTS = "#4b5563", {"wheel", "roller", "drawbar", "window"}  # closed lines that are a part of some body
 FILLS = ("0.72", "#F0C05A", "#9CCBE8", "#B7DDB0")
 _THIN = ("#AA4499", "#117733", "#7A5C00", "#882255")  # the path is black
+THIN = 0.12  # of the longest axis: a shorter one has no room for numbers
 _MARKERS = ("o", "s", "^", "D")
 
 
@@ -142,7 +143,8 @@ def set_view(axes: Any, low: Array, high: Array, names: Sequence[str], zoom: flo
     axes.set_proj_type("ortho")
     axes.view_init(elev=ELEVATION, azim=AZIMUTH)
     for axis, name, size in zip((axes.xaxis, axes.yaxis, axes.zaxis), names, high - low, strict=True):
-        axis.set_major_locator(_few_ticks(3 if size > 0.4 * (high - low).max() else 2))
+        share = size / (high - low).max()
+        axis.set_major_locator(_few_ticks(3 if share > 0.4 else 2 if share > THIN else 0))
         axis.set_pane_color((1, 1, 1, 0))
         axis.line.set_color("0.5")
         axis._axinfo["grid"].update(color="0.9", linewidth=0.4)
@@ -152,8 +154,10 @@ def set_view(axes: Any, low: Array, high: Array, names: Sequence[str], zoom: flo
 
 
 def _few_ticks(count: int) -> Any:
-    from matplotlib.ticker import MaxNLocator
+    from matplotlib.ticker import MaxNLocator, NullLocator
 
+    if not count:
+        return NullLocator()
     return MaxNLocator(nbins=count + 1, steps=[1, 2, 2.5, 5, 10])
 
 
