@@ -23,6 +23,7 @@ from nhpocp.views.labels import UNNAMED, axis_label, symbol
 from nhpocp.views.style import COLOURS, GREY, line_style
 
 ELEVATION, AZIMUTH = 20.0, -62.0  # degrees
+ZOOM = 0.84  # of a view with room for the names of its axes
 SPACE = ("$x$", "$y$", "$z$")
 FILLS = ("0.72", "#F0C05A", "#9CCBE8", "#B7DDB0")
 _THIN = ("#AA4499", "#117733", "#7A5C00", "#882255")  # the path is black
@@ -133,14 +134,15 @@ def set_view(axes: Any, low: Array, high: Array, names: Sequence[str], zoom: flo
     axes.set_box_aspect(high - low, zoom=zoom)
     axes.set_proj_type("ortho")
     axes.view_init(elev=ELEVATION, azim=AZIMUTH)
+    nearer = min(1.0, zoom / ZOOM)  # Matplotlib brings words nearer to the axes of a small mechanism, not smaller ones
     for axis, name, size in zip((axes.xaxis, axes.yaxis, axes.zaxis), names, high - low, strict=True):
         axis.set_major_locator(_few_ticks(3 if size > 0.4 * (high - low).max() else 2))
         axis.set_pane_color((1, 1, 1, 0))
         axis.line.set_color("0.5")
         axis._axinfo["grid"].update(color="0.9", linewidth=0.4)
         axis.set_label_text(name)
-        axis.labelpad = -6
-    axes.tick_params(pad=-3, labelsize=6.5)
+        axis.labelpad = 15 / nearer - 21
+    axes.tick_params(pad=5 / nearer - 8, labelsize=6.5)
 
 
 def _few_ticks(count: int) -> Any:
