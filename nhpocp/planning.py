@@ -43,12 +43,14 @@ def solve(
     if words := OBJECTIVES[problem.objective].lacking_control(problem.basis):
         raise InvalidProblemError(words, path="objective")
     with Interruption() as interruption:
+        solution: Solution | None = None
         try:
             solution = refused(problem, solver) or _in_short(solver.solve(problem, progress))
             solution = _with_a_cure(_with_its_pace(solution, solver), progress)
         except KeyboardInterrupt:
             if interruption.insisted:
                 raise
+        if solution is None:
             with Interruption(patient=True):  # short
                 words = f"{STOPPED} before a control was found."
                 solution = _refused(problem, solver, Outcome.INTERRUPTED, words)

@@ -23,6 +23,7 @@ from nhpocp.views.labels import UNNAMED, axis_label, symbol
 from nhpocp.views.style import COLOURS, GREY, line_style
 
 ELEVATION, AZIMUTH = 20.0, -62.0  # degrees
+ZOOM = 0.84  # of a view with room for the names of its axes
 SPACE = ("$x$", "$y$", "$z$")
 DARK, PARTS = "#4b5563", {"wheel", "roller", "drawbar", "window"}  # closed lines that are a part of some body
 FILLS = ("0.72", "#F0C05A", "#9CCBE8", "#B7DDB0")
@@ -142,6 +143,7 @@ def set_view(axes: Any, low: Array, high: Array, names: Sequence[str], zoom: flo
     axes.set_box_aspect(high - low, zoom=zoom)
     axes.set_proj_type("ortho")
     axes.view_init(elev=ELEVATION, azim=AZIMUTH)
+    nearer = min(1.0, zoom / ZOOM)  # Matplotlib brings words nearer to the axes of a small mechanism, not smaller ones
     for axis, name, size in zip((axes.xaxis, axes.yaxis, axes.zaxis), names, high - low, strict=True):
         share = size / (high - low).max()
         axis.set_major_locator(_few_ticks(3 if share > 0.4 else 2 if share > THIN else 0))
@@ -149,8 +151,8 @@ def set_view(axes: Any, low: Array, high: Array, names: Sequence[str], zoom: flo
         axis.line.set_color("0.5")
         axis._axinfo["grid"].update(color="0.9", linewidth=0.4)
         axis.set_label_text(name)
-        axis.labelpad = -6
-    axes.tick_params(pad=-3, labelsize=6.5)
+        axis.labelpad = 15 / nearer - 21
+    axes.tick_params(pad=5 / nearer - 8, labelsize=6.5)
 
 
 def _few_ticks(count: int) -> Any:
