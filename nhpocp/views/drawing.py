@@ -143,9 +143,8 @@ def set_view(axes: Any, low: Array, high: Array, names: Sequence[str], zoom: flo
     axes.set_box_aspect(high - low, zoom=zoom)
     axes.set_proj_type("ortho")
     axes.view_init(elev=ELEVATION, azim=AZIMUTH)
-    nearer = min(
-        1.0, zoom / ZOOM
-    )  # Matplotlib brings words nearer to the axes of a small mechanism, not smaller ones
+    # words come as much nearer to the axes as these are smaller, and do not shrink
+    nearer = min(1.0, zoom / ZOOM)
     for axis, name, size in zip((axes.xaxis, axes.yaxis, axes.zaxis), names, high - low, strict=True):
         share = size / (high - low).max()
         axis.set_major_locator(_few_ticks(3 if share > 0.4 else 2 if share > THIN else 0))

@@ -134,11 +134,9 @@ def _cost(groups: Sequence[Group]) -> str:
     if len(symbols) != 1:
         return "cost"
     (text,) = symbols
-    return (
-        f"${_PIECE.sub(_mathematics, unicodedata.normalize('NFD', text))}$"
-        if text.startswith("∫")
-        else escaped(text)
-    )
+    if not text.startswith("∫"):
+        return escaped(text)
+    return f"${_PIECE.sub(_mathematics, unicodedata.normalize('NFD', text))}$"
 
 
 def _mathematics(piece: re.Match[str]) -> str:
