@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 DEGREE = 16  # of the polynomials that stand for a control
 RESOLVED = 1e-11  # the last coefficients of such a polynomial, by the largest
 SHORTEST = 1e-3  # half of the part of a stretch that is not halved again
+THERE = 1e-12  # of the largest coordinate: nearer to the goal, one is left as it is
+BRIEFEST = 1e-3  # of the longest stretch
 CHARTS = 4  # times that the way to a goal is halved, where no chart holds both ends
 ASIDE = (-3.0, -1.0, -0.3, 0.3, 1.0, 3.0)  # places of z_1 to go by, for polynomials
 
@@ -68,9 +70,9 @@ class Sinusoids(Constructed):
     each, moves z_{k+2} by (a/2ω)^k (b/k!) (2π/ω), leaves all numbers below it where they were, and those above to the
     next. Polynomials, [Tilbury et al.]: constant v_1 and a polynomial v_2 of degree n - 2, by way of another z_1 where
     that is cheaper. Every stretch lasts as the square root of its effort, which makes their sum least. The plan is the
-    solver's own: bounds, costs, `control` and goals in some coordinates only are not its concern.
+    solver's own: bounds, costs and `control` are not its concern, and what a pose leaves free stays as it was.
     given: a `SinusoidsSettings`. Errors: `InvalidProblemError` from `solve` for a system without a chained form, a pose
-    outside its chart, or one that is given in part.
+    outside its chart, or an output as the goal.
     """
 
     given: SinusoidsSettings
@@ -96,9 +98,10 @@ class Sinusoids(Constructed):
         points, records = [problem.start_point], []
         durations = np.diff([0.0, *(task.share for task in problem.tasks)]) * problem.horizon.fixed
         for task, duration in zip(problem.tasks, durations, strict=True):
-            goal = _whole_pose(problem, task.values)
+            goal = _next_pose(problem, task.values, points[-1])
             stretches = self._steered(problem, points[-1], goal)
-            efforts = np.sqrt([max(stretch.effort, 1e-300) for stretch in stretches])
+            efforts = np.sqrt([stretch.effort for stretch in stretches])
+            efforts = np.maximum(efforts, BRIEFEST * efforts.max() or 1.0)
             shares = duration * efforts / efforts.sum()
             pieces += [p for s, share in zip(stretches, shares, strict=True) for p in s.lasting(share)]
             count += len(stretches)
@@ -155,16 +158,19 @@ def _form(problem: PlanningProblem, near: Array) -> ChainedForm:
     return form
 
 
-def _whole_pose(problem: PlanningProblem, values: Mapping[str, Any]) -> Array:
+def _next_pose(problem: PlanningProblem, values: Mapping[str, Any], before: Array) -> Array:
+    """The state that a task fixes; what it leaves free stays as it was. Errors: `InvalidProblemError` for an output."""
     space = problem.system.state_space
-    if missing := [name for name in space.names if name not in values]:
-        words = f"sinusoids steers to whole states; {', '.join(missing)} missing"
+    if others := [name for name in values if name not in space.names]:
+        words = f"sinusoids steers to states, and {others[0]} is an output; name the state in its place"
         raise InvalidProblemError(words, path="goal")
-    return space.pack(dict(values))
+    return space.pack({**space.unpack(before), **values})
 
 
 def _by_sinusoids(form: ChainedForm, start: Array, goal: Array) -> list[Stretch]:
     """First z_1 and z_2, then each further number by a period of its own."""
+    import numpy as np
+
     z, pieces = start, []
 
     def go(inputs: Callable[[Array], Array]) -> None:
@@ -177,7 +183,7 @@ def _by_sinusoids(form: ChainedForm, start: Array, goal: Array) -> list[Stretch]
         go(lambda t: straight + 0.0 * t[:, None])
     for k in range(1, form.size - 1):
         needed = goal[k + 1] - z[k + 1]
-        if needed:
+        if abs(needed) > THERE * max(1.0, np.abs(goal).max()):
             go(_period(k, needed))
     return pieces or [_stretch(form, z, lambda t: 0.0 * t[:, None] + [0.0, 0.0])[0]]
 

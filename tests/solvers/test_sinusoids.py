@@ -78,7 +78,17 @@ def test_what_it_cannot_do_is_said():
     ball = PlanningProblem(system=nhpocp.RollingSphere(), start=at, goal={**at, "position": [1, 0]})
     with pytest.raises(InvalidProblemError, match="rolling_sphere has no chained form"):
         nhpocp.solve(ball, Sinusoids(SinusoidsSettings()))
+    arm = nhpocp.MobileManipulator()
+    at = {"x": 0, "y": 0, "theta": 0, "q": [0.5, -1]}
+    with pytest.raises(InvalidProblemError, match="tip is an output"):
+        nhpocp.solve(
+            PlanningProblem(system=arm, start=at, goal={"tip": [1, 1]}), Sinusoids(SinusoidsSettings())
+        )
+
+
+def test_what_the_goal_leaves_free_stays():
     car = task("car", 1)
     part = replace(car, goal={name: value for name, value in car.goal.items() if name != "phi"})
-    with pytest.raises(InvalidProblemError, match="whole states; phi missing"):
-        nhpocp.solve(part, Sinusoids(SinusoidsSettings()))
+    solution = nhpocp.solve(part, Sinusoids(SinusoidsSettings()))
+    assert solution.converged
+    assert solution.trajectory["phi"][-1] == pytest.approx(car.start["phi"], abs=1e-8)
