@@ -85,6 +85,8 @@ if TYPE_CHECKING:
     from nhpocp.solvers.nlp.single_shooting import SingleShooting as SingleShooting
     from nhpocp.solvers.nlp.staged_transcription import StagedTranscription as StagedTranscription
     from nhpocp.solvers.settings import SolverSettings as SolverSettings
+    from nhpocp.solvers.sinusoids import Sinusoids as Sinusoids
+    from nhpocp.solvers.sinusoids import SinusoidsSettings as SinusoidsSettings
     from nhpocp.state_space import Block as Block
     from nhpocp.state_space import StateSpace as StateSpace
     from nhpocp.state_space import deg as deg
@@ -93,17 +95,32 @@ if TYPE_CHECKING:
     from nhpocp.state_space import rotation as rotation
     from nhpocp.state_space import scalar as scalar
     from nhpocp.state_space import vector as vector
+    from nhpocp.systems.car import Car as Car
+    from nhpocp.systems.car_with_trailers import CarWithTrailers as CarWithTrailers
+    from nhpocp.systems.cartan import Cartan as Cartan
+    from nhpocp.systems.cartan import Engel as Engel
+    from nhpocp.systems.chained import Chained as Chained
+    from nhpocp.systems.chained_form import ChainedForm as ChainedForm
+    from nhpocp.systems.double_integrator import DoubleIntegrator as DoubleIntegrator
     from nhpocp.systems.free_nilpotent_36 import FreeNilpotent36 as FreeNilpotent36
+    from nhpocp.systems.friction_drive_wrist import FrictionDriveWrist as FrictionDriveWrist
     from nhpocp.systems.heisenberg import Heisenberg as Heisenberg
     from nhpocp.systems.legs import Leg as Leg
+    from nhpocp.systems.mobile_manipulator import MobileManipulator as MobileManipulator
     from nhpocp.systems.mobility import mobility as mobility
+    from nhpocp.systems.nonholonomic_manipulator import NonholonomicManipulator as NonholonomicManipulator
     from nhpocp.systems.orienting_platform import OrientingPlatform as OrientingPlatform
     from nhpocp.systems.parallel_robot import ParallelRobot as ParallelRobot
+    from nhpocp.systems.passive_sphere import PassiveSphere as PassiveSphere
+    from nhpocp.systems.rigid_body import RigidBody as RigidBody
     from nhpocp.systems.rolling_sphere import RollingSphere as RollingSphere
+    from nhpocp.systems.sphere_on_sphere import SphereOnSphere as SphereOnSphere
     from nhpocp.systems.suslov_joint import SuslovJoint as SuslovJoint
     from nhpocp.systems.system import Parameter as Parameter
     from nhpocp.systems.system import System as System
     from nhpocp.systems.three_upu import ThreeUPU as ThreeUPU
+    from nhpocp.systems.trident_snake import TridentSnake as TridentSnake
+    from nhpocp.systems.truck_with_trailers import TruckWithTrailers as TruckWithTrailers
     from nhpocp.systems.unicycle import Unicycle as Unicycle
     from nhpocp.systems.veselova_joint import VeselovaJoint as VeselovaJoint
     from nhpocp.units import Units as Units
@@ -118,7 +135,12 @@ _HOMES = {
     "BSpline": "controls.bspline",
     "Block": "state_space",
     "Bound": "constraints.bound",
+    "Car": "systems.car",
+    "CarWithTrailers": "systems.car_with_trailers",
+    "Cartan": "systems.cartan",
     "CasadiRungeKutta": "flow.integrators",
+    "Chained": "systems.chained",
+    "ChainedForm": "systems.chained_form",
     "Chebyshev": "controls.chebyshev",
     "CoefficientMetric": "solvers.metrics",
     "Comparison": "comparison",
@@ -132,11 +154,14 @@ _HOMES = {
     "Cvodes": "flow.integrators",
     "Damped": "solvers.continuation.generalized_inverses",
     "DifferentiatedEndPointMap": "flow.end_point_map",
+    "DoubleIntegrator": "systems.double_integrator",
+    "Engel": "systems.cartan",
     "Entry": "comparison",
     "Euler": "solvers.continuation.step_rules",
     "Fatrop": "solvers.nlp.fatrop",
     "Fourier": "controls.fourier",
     "FreeNilpotent36": "systems.free_nilpotent_36",
+    "FrictionDriveWrist": "systems.friction_drive_wrist",
     "FrozenError": "errors",
     "GeneralizedInverse": "solvers.continuation.generalized_inverses",
     "Heisenberg": "systems.heisenberg",
@@ -151,32 +176,39 @@ _HOMES = {
     "Leg": "systems.legs",
     "Legendre": "controls.legendre",
     "MissingDependencyError": "errors",
+    "MobileManipulator": "systems.mobile_manipulator",
     "MoorePenrose": "solvers.continuation.generalized_inverses",
     "Motion": "flow.simulation",
     "MultiStart": "solvers.continuation.multi_start",
     "MultipleShooting": "solvers.nlp.multiple_shooting",
     "NhpocpError": "errors",
     "NhpocpWarning": "errors",
+    "NonholonomicManipulator": "systems.nonholonomic_manipulator",
     "Ode": "solvers.continuation.step_rules",
     "OrientationAtPiError": "errors",
     "OrientingPlatform": "systems.orienting_platform",
     "Outcome": "outcome",
     "ParallelRobot": "systems.parallel_robot",
     "Parameter": "systems.system",
+    "PassiveSphere": "systems.passive_sphere",
     "PathObjective": "objectives.objective",
     "PiecewiseConstant": "controls.piecewise_constant",
     "Plan": "batch",
     "PlanningProblem": "problem",
     "ProblemGuess": "solvers.nlp.guesses",
+    "RigidBody": "systems.rigid_body",
     "RollingSphere": "systems.rolling_sphere",
     "Run": "comparison",
     "RungeKutta4": "flow.integrators",
     "SequenceBasis": "controls.sequence",
     "SingleShooting": "solvers.nlp.single_shooting",
+    "Sinusoids": "solvers.sinusoids",
+    "SinusoidsSettings": "solvers.sinusoids",
     "Solution": "solution",
     "Solver": "solution",
     "SolverGuess": "solvers.nlp.guesses",
     "SolverSettings": "solvers.settings",
+    "SphereOnSphere": "systems.sphere_on_sphere",
     "StagedTranscription": "solvers.nlp.staged_transcription",
     "StateSpace": "state_space",
     "StepRule": "solvers.continuation.step_rules",
@@ -186,6 +218,8 @@ _HOMES = {
     "ThreeUPU": "systems.three_upu",
     "TooLargeError": "errors",
     "Transpose": "solvers.continuation.generalized_inverses",
+    "TridentSnake": "systems.trident_snake",
+    "TruckWithTrailers": "systems.truck_with_trailers",
     "Unicycle": "systems.unicycle",
     "Units": "units",
     "UnknownNameError": "errors",

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from nhpocp.arrays import Array
-from nhpocp.constraints.bound import Bound, BoundReport, check_bounds
+from nhpocp.constraints.bound import Bound, BoundReport, check_bounds, in_shape
 from nhpocp.objectives.registry import OBJECTIVES
 from nhpocp.problem import PlanningProblem
 from nhpocp.singular_values import svd
@@ -143,7 +143,7 @@ def _asked_of_the_control(problem: PlanningProblem, point: Array) -> list[_Sides
         shape = np.shape(values[bound.quantity])[1:]
         (below, above), sides = bound.sizes, (bound.lower, bound.upper)
         lower, upper = (
-            np.broadcast_to(np.asarray(side, dtype=float) + sign * FORGIVEN * size, shape).ravel()
+            in_shape(np.asarray(side) + sign * FORGIVEN * size, shape).ravel()
             for side, sign, size in zip(sides, (-1, 1), (below, above), strict=True)
         )
         sides_of_bounds.append(_Sides(bound, A, b, lower, upper))

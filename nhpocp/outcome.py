@@ -43,7 +43,7 @@ _ADVICE = {
     Outcome.DIVERGED: "The error grows without bound; try a smaller gamma or another control.initial.",
     Outcome.RANK_DEFICIENT: (
         "To working precision the control cannot move the end point in every direction; try `initial: auto` or "
-        "another seed, more functions, or the nlp solver."
+        "another seed, more functions, or the nlp solver. `nhpocp analyze` says whether any control can."
     ),
     Outcome.SINGULAR_S: (
         "The path runs into det S = 0, where eq. (7) is undefined; try another control.initial, a "

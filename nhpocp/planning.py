@@ -43,12 +43,14 @@ def solve(
     if words := OBJECTIVES[problem.objective].lacking_control(problem.basis):
         raise InvalidProblemError(words, path="objective")
     with Interruption() as interruption:
+        solution: Solution | None = None
         try:
             solution = refused(problem, solver) or _in_short(solver.solve(problem, progress))
-            solution = _with_a_cure(solution, progress)
+            solution = _with_a_cure(_with_its_pace(solution, solver), progress)
         except KeyboardInterrupt:
             if interruption.insisted:
                 raise
+        if solution is None:
             with Interruption(patient=True):  # short
                 words = f"{STOPPED} before a control was found."
                 solution = _refused(problem, solver, Outcome.INTERRUPTED, words)
@@ -79,6 +81,17 @@ def _too_far(problem: PlanningProblem, solver: Solver) -> str:
     free = problem.horizon.free and getattr(solver, "chooses_horizon", False)
     horizon = problem.horizon.maximum if free else problem.horizon.initial
     return too_far(problem, horizon, solver.tolerance)
+
+
+def _with_its_pace(solution: Solution, solver: Solver) -> Solution:
+    """With a warning where the duration is free and the solver cannot choose it."""
+    if not solution.problem.horizon.free or getattr(solver, "chooses_horizon", False):
+        return solution
+    words = (
+        f"horizon: this solver does not choose the duration, which stays {solution.control.horizon:g}, its first "
+        "guess; the NLP chooses it, `--solver nlp`"
+    )
+    return replace(solution, warnings=[*solution.warnings, words])
 
 
 def _with_a_cure(solution: Solution, progress: Progress | None) -> Solution:

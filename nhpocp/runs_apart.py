@@ -18,8 +18,8 @@ def task_of(problem: PlanningProblem) -> str:
     bounds = {bound.label: [bound.lower, bound.upper] for bound in problem.bounds}
     poses = (problem.start, problem.goal, *(via.goal for via in problem.via))
     parts = [
-        [problem.system.model, _rounded(problem.system.parameters())],
-        [_rounded(pose) for pose in poses],
+        [problem.system.model, problem.system.parameters()],
+        poses,
         [via.share for via in problem.via],
         [problem.horizon.initial, problem.horizon.minimum, problem.horizon.maximum],
         [problem.objective, problem.error_length, problem.scale, bounds],

@@ -7,6 +7,7 @@ With names of problems: only their motions.
 
 from __future__ import annotations
 
+import re
 import shutil
 import sys
 import tempfile
@@ -40,7 +41,7 @@ def main() -> None:
         if sys.argv[1:] and file.stem not in sys.argv[1:]:
             continue
         problem = nhpocp.load_problem(file)
-        solution = nhpocp.solve(problem)
+        solution = nhpocp.solve(problem, named_solver(file))
         save(motion(solution), f"{file.stem}_motion")
         if sys.argv[1:]:
             continue
@@ -51,6 +52,12 @@ def main() -> None:
     if not sys.argv[1:]:
         draw_singularities()
         draw_functional_flow()
+
+
+def named_solver(file: Path) -> str:
+    """The solver that a file's first comment names, as in `# nlp: …`; the Jacobian method otherwise."""
+    named = re.search(r"^# (nlp|sinusoids): ", file.read_text(encoding="utf-8"), flags=re.MULTILINE)
+    return named[1] if named else "jacobian"
 
 
 def save(figure: Any, name: str) -> None:
@@ -66,8 +73,8 @@ def save(figure: Any, name: str) -> None:
 
 def motion(solution: nhpocp.Solution) -> Figure:
     """A motion for the gallery: the mechanism at the start and in the middle, the goal as a ghost, the path."""
-    path = path_of(solution)
-    points, goal = drawing.path_points(solution, path), drawing.goal_pose(solution)
+    path, system = path_of(solution), solution.problem.system
+    points, goal = drawing.path_points(solution, path), drawing.goal_pose(solution.problem)
     poses = drawing.poses_of(solution)[:2]
     shown = [pose.drawing for pose in [*poses, *([goal] if goal else [])]]
     low, high = drawing.extent(*shown, points=points)
@@ -75,8 +82,8 @@ def motion(solution: nhpocp.Solution) -> Figure:
         figure = Figure(figsize=(4.4, 2.2))
         for i, pose in enumerate(poses):
             box = (i / 2, 0.04, 0.48, 0.88)
-            names = drawing.axis_names(solution.problem.system, len(low), solution.problem.units)
-            axes = drawing.add_view(figure, box, low, high, names, zoom=0.84)
+            names = drawing.axis_names(system, len(low), solution.problem.units)
+            axes = drawing.add_view(figure, box, low, high, names, 0.84, not system.plotted)
             if goal:
                 drawing.plot_robot(axes, goal.drawing, ghost=True)
             drawing.plot_robot(axes, pose.drawing)

@@ -23,7 +23,7 @@ from nhpocp.comparison import Comparison, Entry, Run, compare
 from nhpocp.comparison_folder import load_comparison, plan, write_comparison
 from nhpocp.controls.control import Control
 from nhpocp.controls.fourier import Fourier
-from nhpocp.errors import InvalidProblemError, UnreadableSolutionError
+from nhpocp.errors import InvalidProblemError, NhpocpWarning, UnreadableSolutionError
 from nhpocp.flow.simulation import simulate
 from nhpocp.horizon import Horizon
 from nhpocp.outcome import Outcome
@@ -340,8 +340,10 @@ def test_a_variant_changes_its_solver_and_nothing_else():
 
 
 def test_a_variant_of_a_problem_made_in_python():
-    _, solver = variant(paper_problem(), "jacobian:gamma=0.5")
+    _, solver = variant(paper_problem(), "jacobian:step_rule=euler,gamma=0.5")
     assert solver.settings()["gamma"] == 0.5
+    with pytest.warns(NhpocpWarning, match=r"jacobian:gamma=0.5: solvers\.jacobian\.gamma: 0.5 does nothing"):
+        variant(paper_problem(), "jacobian:gamma=0.5")
     assert variant(paper_problem(), "nlp")[1].name == "nlp"
 
 

@@ -47,6 +47,18 @@ def test_bounds_on_speeds_are_no_matter_of_the_ends():
     assert solution.outcome is Outcome.CONSTRAINT_VIOLATED
 
 
+def test_a_stop_while_a_cure_is_sought_keeps_what_was_found(monkeypatch):
+    def stop(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(planning, "patient_horizon", stop)
+    bounds = [Bound("control", "v", -1e-3, 1e-3)]
+    short = Continuation(step_rule=Euler(1.0), max_iterations=40)
+    solution = planning.solve(paper_problem(bounds=bounds), short)
+    assert solution.outcome is Outcome.CONSTRAINT_VIOLATED
+    assert solution.verdict.error < 1e-3
+
+
 @pytest.mark.parametrize("solver", SOLVERS, ids=lambda solver: solver.name)
 @pytest.mark.parametrize("form", ["feedback", "original"])
 def test_other_component_for_every_solver_and_form(solver, form):

@@ -130,6 +130,12 @@ def _entry(side: Any, component: tuple[int, ...]) -> float:
     return float(table[tuple(i if size > 1 else 0 for i, size in zip(own, table.shape, strict=True))])
 
 
+def in_shape(side: Any, shape: tuple[int, ...]) -> Array:
+    """A side of a bound for every component of a quantity; CasADi takes a vector of one number for a scalar."""
+    numbers = np.asarray(side, dtype=float)
+    return np.broadcast_to(numbers if shape else numbers.reshape(()), shape)
+
+
 def bound_rows(
     bound: Bound, system: System, state: Array, control: Array, length_scale: float
 ) -> list[tuple[str, Any, float, float]]:
@@ -152,7 +158,7 @@ def bound_rows(
     shape = (
         np.shape(value) if isinstance(value, np.ndarray | float) else tuple(s for s in value.shape if s != 1)
     )
-    lower, upper = np.broadcast_to(bound.lower, shape), np.broadcast_to(bound.upper, shape)
+    lower, upper = in_shape(bound.lower, shape), in_shape(bound.upper, shape)
     rows = []
     for index in np.ndindex(*shape):
         entry = value[index] if shape else value

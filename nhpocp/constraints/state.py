@@ -21,8 +21,9 @@ class StateBox(ConstraintKind):
         for block in system.state_space.blocks:
             if block.kind != "rotation":
                 value = start[block.name]
-                least = min(value) if isinstance(value, list) else value
-                return {block.name: [least - 50, least + 100]} if isinstance(least, int | float) else None
+                numbers = value if isinstance(value, list) else [value]
+                if all(isinstance(number, int | float) for number in numbers):  # and not "30 deg"
+                    return {block.name: [min(numbers) - 50, min(numbers) + 100]}
         return None
 
     def bounds(self, value: Any, system: System) -> list[Bound]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import accumulate
 from typing import Any, ClassVar, Self
 
@@ -74,12 +75,12 @@ class SequenceBasis(ControlBasis):
             values[np.flatnonzero(mine)[:, None], shifted] = table.values
         return Table(values, self.size, columns)
 
-    @property
+    @cached_property
     def _width(self) -> int:
         """The most functions that are not zero at one time."""
         return max(basis.local_table(np.zeros(1), 1.0).values.shape[1] for basis in self.bases)
 
-    @property
+    @cached_property
     def _firsts(self) -> list[int]:
         """The place of each piece's first function."""
         return list(accumulate((basis.size for basis in self.bases[:-1]), initial=0))

@@ -43,7 +43,7 @@ def fit_initial(
     rows = initial.value if initial is not None and initial.id == "sequence" else []
     if not rows or any(row.id != "sequence" or len(row.value) != old for row in rows):
         return []
-    zero = Tree("- 0").root.value[0]
+    zero = Tree("- 0", comments=True).root.value[0]
     for row in rows:
         comment = row.value[-1].comment  # of the line
         row.value = [*row.value[:new], *(unshared(zero, marked=False) for _ in range(new - old))]

@@ -8,6 +8,7 @@ from pydantic import BeforeValidator, ConfigDict, Discriminator, Field, StrictBo
 
 from nhpocp.errors import InvalidProblemError, describe
 from nhpocp.objectives.registry import OBJECTIVES, costs_of_motion
+from nhpocp.outcome import Outcome
 from nhpocp.problem_file.constraints import Constraints
 from nhpocp.problem_file.control import BLOCKS, DEFAULT, ControlData
 from nhpocp.problem_file.numbers import (
@@ -122,6 +123,9 @@ _COSTS: dict[str, Any] = {
 class ReferenceValues(Strict):
     """What one solver is known to find."""
 
+    outcome: Annotated[str, Choice(*(outcome.value for outcome in Outcome))] | None = Field(
+        default=None, description="how it ends, where not as converged"
+    )
     horizon: Number | None = Field(default=None, description="duration, where it is free")
     iterations: Whole | None = Field(default=None, description="updates")
     evaluations: Whole | None = Field(default=None, description="evaluated controls")

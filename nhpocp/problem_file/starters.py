@@ -51,7 +51,10 @@ def starter(model: str = "three_upu", schema: str = "nhpocp.schema.json") -> str
         *_system(cls, model),
         _option("units", {"length": "m", "time": "s"}, ProblemData.model_fields["units"].description or ""),
         *_ends(cls, system, task),
-        line("horizon: 1", "the duration T, or {min: 0.5, max: 3, initial: 1} where the NLP may choose"),
+        line(
+            f"horizon: {task.get('horizon', 1)}",
+            "the duration T, or {min: 0.5, max: 3, initial: 1} where the NLP may choose",
+        ),
         *_control(system, task.get("control", {})),
         *options(ProblemData, ["objective", "error_length", "length_scale"]),
         *_constraints(system, task["start"]),

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import re
+import warnings
 from typing import TYPE_CHECKING, Any
 
 from nhpocp import variant_label
-from nhpocp.errors import InvalidProblemError, suggestion
+from nhpocp.errors import InvalidProblemError, NhpocpWarning, suggestion
 from nhpocp.problem_file.dumping import dump_problem
-from nhpocp.problem_file.reading import parse_problem
+from nhpocp.problem_file.reading import build, read_text
 from nhpocp.solvers.registry import SOLVERS
 
 if TYPE_CHECKING:
@@ -45,17 +46,23 @@ def overrides(label: str) -> tuple[str, list[str]]:
 def variant(problem: PlanningProblem, label: str) -> tuple[PlanningProblem, Any]:
     """The problem with a variant's settings in it, and its solver with them.
 
-    Errors: `InvalidProblemError` naming the variant, for keys and values that a problem file would refuse.
+    Errors: `InvalidProblemError` naming the variant, for keys and values that a problem file would refuse. Warns, as
+    `NhpocpWarning`, of settings that are hardly meant, such as γ without a step rule that makes use of it.
     """
     from nhpocp.planning import own_solver  # and CasADi
 
     name, changes = overrides(label)
     if changes or name not in problem.solvers:
         try:
-            changed = parse_problem(dump_problem(problem), None, changes)
+            file = read_text(dump_problem(problem), None, changes)
+            changed = build(file)
         except InvalidProblemError as error:
             words = re.sub(r" \(given by --set [^)]*\)", "", error.message)
             message = f"{words} (given by --variant {label})"
             raise InvalidProblemError(message, path=error.path) from None
+        for doubt in file.doubts:
+            if (doubt.path or "").startswith((f"solvers.{name}.", "control.")):
+                words = f"--variant {label}: {doubt.path}: {doubt.message}"
+                warnings.warn(words, NhpocpWarning, stacklevel=3)
         return changed, own_solver(changed, name)
     return problem, problem.solvers[name]

@@ -18,6 +18,7 @@ SOLVERS: Family[type[SolverSettings]] = Family(
         "jacobian": "nhpocp.solvers.continuation.settings:JacobianSettings",
         "nlp": "nhpocp.solvers.nlp.settings:NlpSettings",
         "least_squares": "nhpocp.solvers.least_squares:LeastSquaresSettings",
+        "sinusoids": "nhpocp.solvers.sinusoids:SinusoidsSettings",
     },
     group=Group(
         "nhpocp.solvers",

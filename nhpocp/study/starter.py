@@ -47,7 +47,9 @@ def study_starter(model: str = "three_upu", schema: str = IDENTITY) -> str:
 def _problem(cls: type[System], model: str, task: Mapping[str, Any]) -> Iterator[str]:
     preset = f", preset: {next(iter(cls.presets))}" if cls.presets else ""
     yield f"    system: {{model: {model}{preset}}}"
-    yield from (f"    {name}: {flow(task[name])}" for name in ("start", "goal", "control") if name in task)
+    yield from (
+        f"    {name}: {flow(task[name])}" for name in ("start", "goal", "horizon", "control") if name in task
+    )
 
 
 def _axes(system: System, task: Mapping[str, Any]) -> Iterator[str]:

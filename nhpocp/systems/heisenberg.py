@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, ClassVar
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from nhpocp.arrays import Array, namespace
 from nhpocp.errors import InvalidProblemError
 from nhpocp.state_space import StateSpace, scalar
 from nhpocp.systems.system import Parameter, System
+
+if TYPE_CHECKING:
+    from nhpocp.systems.chained_form import ChainedForm
 
 PATCH = 0.12  # half of a side of the drawn patch
 
@@ -47,6 +50,17 @@ class Heisenberg(System):
     def constraints(self, state: Array, velocity: Array) -> Array:
         swept = state[0] * velocity[1] - state[1] * velocity[0]  # twice the area, per unit time
         return namespace(state, velocity).vector([velocity[2] - self.scale * swept])
+
+    def chained_form(self, near: Array) -> ChainedForm:
+        """z_1 = x, z_3 = (c x y - z)/2c, and so z_2 = y."""
+        from nhpocp.systems.chained_form import ChainedForm
+
+        c = self.scale
+
+        def assemble(first: Array, last: Array, slopes: Sequence[Array]) -> Array:
+            return namespace(first).vector([first, slopes[0], c * first * slopes[0] - 2.0 * c * last])
+
+        return ChainedForm(self, 0, lambda x: x[0], lambda x: 0.5 * x[0] * x[1] - x[2] / (2.0 * c), assemble)
 
     def drawing(self, state: Array) -> dict[str, Any]:
         """The patch of the plane in which every velocity lies."""

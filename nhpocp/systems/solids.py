@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import cos, pi, sin
 from typing import Any
 
@@ -32,6 +33,31 @@ def great_circle(centre: Array, rotation: Array, axis: int, radius: float) -> Ar
     first, second = rotation[:, (axis + 1) % 3], rotation[:, (axis + 2) % 3]
     angles = [k * (2 * pi + OVERLAP) / 64 for k in range(65)]
     return xp.rows([centre + radius * (cos(a) * first + sin(a) * second) for a in angles])
+
+
+def disc(centre: Array, axle: Array, radius: float) -> Array:
+    """A wheel's face, perpendicular to the unit vector of its axle, closed, (25, 3)."""
+    xp = namespace(centre, axle)
+    first = unit(cross(axle, xp.array([1.0, 0.0, 0.0] if abs(axle[0]) < 0.9 else [0.0, 1.0, 0.0])))
+    second = cross(axle, first)
+    angles = [k * 2 * pi / 24 for k in range(24)]
+    around = [centre + radius * (cos(a) * first + sin(a) * second) for a in angles]
+    return xp.rows([*around, around[0]])
+
+
+def cuboid(centre: Array, rotation: Array, half: Sequence[float]) -> dict[str, Array]:
+    """The faces of a body with these half lengths along its own axes, "face 1" (ahead on the first) to "face 6"."""
+    xp, faces = namespace(centre, rotation), {}
+    sides = [half[i] * rotation[:, i] for i in range(3)]
+    for i in range(3):
+        first, second = sides[(i + 1) % 3], sides[(i + 2) % 3]
+        for k, sign in enumerate((1, -1)):
+            corners = [
+                centre + sign * sides[i] + a * first + b * second
+                for a, b in ((1, 1), (-1, 1), (-1, -1), (1, -1))
+            ]
+            faces[f"face {2 * i + k + 1}"] = xp.rows([*corners, corners[0]])
+    return faces
 
 
 def ball(centre: Array, rotation: Array, radius: float, *replaces: str) -> dict[str, Any]:

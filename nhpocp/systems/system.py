@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from inspect import Parameter as SignatureParameter
 from inspect import signature
-from typing import Any, ClassVar, Literal, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
 from nhpocp.arrays import Array, namespace, symbolic
 from nhpocp.constructed import add_to_manual
@@ -17,6 +17,9 @@ from nhpocp.plain_text import as_call
 from nhpocp.shown import Shown
 from nhpocp.state_space import UNIT_WORDS, Block, StateSpace, Unit, check_distinct
 from nhpocp.systems.margins import margin
+
+if TYPE_CHECKING:
+    from nhpocp.systems.chained_form import ChainedForm
 
 
 @dataclass(frozen=True)
@@ -122,6 +125,9 @@ class System(Frozen, Shown):
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
     # what `outputs` gives; None: nothing is known of it but the shapes, once a problem is built
     output_blocks: Sequence[Block] | None = None
+
+    # LaTeX of the two numbers that `drawing` shows against each other, where these are no places in the plane
+    plotted: Sequence[str] = ()
 
     # a task with the default parameters, for `nhpocp init`: `start`, `goal` and, where the control to begin with
     # matters, `control`, as a problem file writes them
@@ -295,6 +301,14 @@ class System(Frozen, Shown):
         """
         return None
 
+    def chained_form(self, near: Array) -> ChainedForm | None:
+        """Coordinates in which this system is in chained form, in a chart that holds the point ``near``.
+
+        None where none is known. Its `to_chained` and `from_chained` take states there and back; the solver `sinusoids`
+        steers in them.
+        """
+        return None
+
     def default_length_scale(self) -> float:
         """A typical length of the mechanism, which turns rotations into lengths; override it where there is one."""
         return 1.0
@@ -313,7 +327,8 @@ class System(Frozen, Shown):
         """Plain arrays for pictures: ``{"lines": {name: (n, 3)}, "points": {name: (n, 3)}}``, in the state's units.
 
         A mechanism in the plane gives (n, 2) throughout and is seen from above. Closed lines are bodies, "leg 1" is
-        the first of the kind "leg". ``"trace"``, (3,) or (2,), is the point whose path is drawn, if there is one.
+        the first of the kind "leg"; closed lines with "wheel", "roller", "drawbar" or "window" among the words of their
+        names are dark parts of them. ``"trace"``, (3,) or (2,), is the point whose path is drawn, if there is one.
 
         ``"solids"``, {name: solid}, in space only, is what the animation shows where that looks more like the machine;
         pictures on paper leave it out. A solid is a round bar, {"ends": (2, 3), "radius"}, shown as a cylinder with a

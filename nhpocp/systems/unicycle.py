@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, ClassVar
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from nhpocp.arrays import Array, namespace
 from nhpocp.state_space import StateSpace, scalar
+from nhpocp.systems.planar import NOSE, outline, wheel
 from nhpocp.systems.system import System
 
-LENGTH = 0.15  # of the drawn body
+if TYPE_CHECKING:
+    from nhpocp.systems.chained_form import ChainedForm
+
+LENGTH = 0.2  # of the drawn body
 
 
 class Unicycle(System):
@@ -38,16 +42,28 @@ class Unicycle(System):
         xp = namespace(state, velocity)
         return xp.vector([velocity[1] * xp.cos(state[2]) - velocity[0] * xp.sin(state[2])])
 
+    def chained_form(self, near: Array) -> ChainedForm:
+        """The place as the wheel sees it, everywhere: z_1 = θ, z_2 = x cos θ + y sin θ, z_3 = x sin θ - y cos θ."""
+        from nhpocp.systems.chained_form import ChainedForm
+
+        def last(state: Array) -> Array:
+            xp = namespace(state)
+            return state[0] * xp.sin(state[2]) - state[1] * xp.cos(state[2])
+
+        def assemble(first: Array, last: Array, slopes: Sequence[Array]) -> Array:
+            xp, along = namespace(first), slopes[0]
+            c, s = xp.cos(first), xp.sin(first)
+            return xp.vector([along * c + last * s, along * s - last * c, first])
+
+        return ChainedForm(self, 1, lambda x: x[2], last, assemble)
+
     def drawing(self, state: Array) -> dict[str, Any]:
         """The body with its nose ahead, from above, and the wheel."""
-        xp, here = namespace(state), state[:2]
-        along = LENGTH * xp.vector([xp.cos(state[2]), xp.sin(state[2])])
-        across = xp.vector([-along[1], along[0]])
-        corners = [(1.2, 0.0), (0.5, 0.5), (-0.7, 0.5), (-0.7, -0.5), (0.5, -0.5), (1.2, 0.0)]
+        here, theta = state[:2], state[2]
         return {
             "lines": {
-                "body": xp.rows([here + a * along + b * across for a, b in corners]),
-                "wheel": xp.rows([here - 0.35 * along, here + 0.35 * along]),
+                "body": outline(here, theta, NOSE, LENGTH),
+                "wheel": wheel(here, theta, 2.0 * LENGTH),
             },
             "points": {},
             "trace": here,

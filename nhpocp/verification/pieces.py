@@ -23,7 +23,7 @@ AT_ONCE = 256  # pieces
 
 # On a smooth piece, mapped to [-1, 1]: basis functions are interpolated at Chebyshev's nodes, and compared with that at
 # probes which are no multiples of a fraction that a period may have
-DEGREE = 7
+DEGREE = 16
 NODES = np.cos(np.pi * (np.arange(DEGREE + 1) + 0.5) / (DEGREE + 1))
 PROBES = np.array([-0.7726, 0.0582, 0.7426])
 TO_COEFFICIENTS = np.linalg.inv(chebvander(NODES, DEGREE))

@@ -70,13 +70,15 @@ class Scene {
     const tall = this.flat ? this.half[1] : this.half[2] * Math.cos(e) + this.round * Math.abs(Math.sin(e));
     const [across, down] = this.flat ? [this.width - 74, this.height - 62] : [this.width - Math.min(90, 0.2 * this.width), this.height - 46];
     this.scale = zoom * Math.max(1e-3, Math.min(across / (2 * wide), down / (2 * tall)));
+    this.rise = this.run.stretched ? (down * wide) / (across * tall) : 1; // numbers that are no places fill the plane
+    if (this.run.stretched) this.scale = zoom * Math.max(1e-3, across / (2 * wide));
     this.origin = this.flat ? [this.width / 2 + 25, this.height / 2 - 18] : [this.width / 2, this.height / 2 - 2];
     this.origin = add(this.origin, this.camera.shift);
   }
 
   project(point) {
     const d = add(lift(point), this.middle, -1);
-    return [this.origin[0] + this.scale * dot(d, this.right), this.origin[1] - this.scale * dot(d, this.up)];
+    return [this.origin[0] + this.scale * dot(d, this.right), this.origin[1] - this.scale * this.rise * dot(d, this.up)];
   }
 
   depth(point) { return this.flat ? 0 : dot(point, this.eye); } // in the plane what comes later lies on top
@@ -382,7 +384,7 @@ class Scene {
       const best = spots.reduce((a, b) => (b[0] > a[0] ? b : a));
       if (before && Math.hypot(best[0] - before[0], best[1] - before[1] - 10) < 16) best[1] = before[1] - 6;
       before = best;
-      say(ghost.words, best[0] + 7, best[1] + (ghost.words === "goal" ? -4 : 6), ghost.words === "goal" ? "#0b5d1e" : "#4d4d4d", "left");
+      say(ghost.words, Math.min(best[0] + 7, this.width - 6 - pen.measureText(ghost.words).width), best[1] + (ghost.words === "goal" ? -4 : 6), ghost.words === "goal" ? "#0b5d1e" : "#4d4d4d", "left");
     }
     for (const crossing of this.run.crossings) {
       if (!crossing.point) continue;

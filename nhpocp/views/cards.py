@@ -215,14 +215,17 @@ def _of_system(system: System) -> list[Part]:
 
 
 def _at_rest(system: System) -> Figure | None:
-    """A system that brings an example where that starts, its rotations unturned; none for one that draws nothing."""
+    """A system that brings an example where that starts, its rotations unturned; none for one that draws nothing.
+
+    An example is one of the default parameters: a vector that has other numbers is 0.
+    """
     start = system.example.get("start", {})
     if set(start) != set(system.state_space.names):
         return None
-    values = {
-        block.name: np.eye(3) if block.kind == "rotation" else _numbers(start[block.name])
-        for block in system.state_space.blocks
-    }
+    values = {}
+    for block in system.state_space.blocks:
+        value = np.eye(3) if block.kind == "rotation" else _numbers(start[block.name])
+        values[block.name] = value if np.shape(value) == block.shape else np.zeros(block.shape)
     drawn = system.drawing(np.asarray(system.state_space.pack(values), dtype=float))
     return figures.standing(system, Pose("", drawn)) if drawn["lines"] else None
 

@@ -23,9 +23,12 @@ from nhpocp.views.labels import UNNAMED, axis_label, symbol
 from nhpocp.views.style import COLOURS, GREY, line_style
 
 ELEVATION, AZIMUTH = 20.0, -62.0  # degrees
+ZOOM = 0.84  # of a view with room for the names of its axes
 SPACE = ("$x$", "$y$", "$z$")
+DARK, PARTS = "#4b5563", {"wheel", "roller", "drawbar", "window"}  # closed lines that are a part of some body
 FILLS = ("0.72", "#F0C05A", "#9CCBE8", "#B7DDB0")
 _THIN = ("#AA4499", "#117733", "#7A5C00", "#882255")  # the path is black
+THIN = 0.12  # of the longest axis: a shorter one has no room for numbers
 _MARKERS = ("o", "s", "^", "D")
 
 
@@ -86,7 +89,9 @@ def dimension(drawn: Mapping[str, Any]) -> int:
 
 
 def axis_names(system: System, numbers: int, units: Units = UNNAMED) -> list[str]:
-    """x, y, z, with the unit of a state that has lengths."""
+    """x, y, z, with the unit of a state that has lengths; what a system plots where that is no place."""
+    if system.plotted:
+        return [f"${name}$" for name in system.plotted]
     lengths = any(block.unit == "length" for block in system.state_space.blocks)
     return [axis_label("", name, units.words("length") if lengths else "") for name in SPACE[:numbers]]
 
@@ -113,17 +118,22 @@ def add_view(
     high: Array,
     names: Sequence[str],
     zoom: float = 1.0,
+    one_scale: bool = True,
 ) -> Any:
-    """Axes in a box of the figure at one scale: in space, or for corners of two numbers the plane from above."""
+    """Axes in a box of the figure at one scale: in space, or for corners of two numbers the plane from above.
+
+    one_scale: of both axes; False where a plane shows numbers that are no places.
+    """
     if len(low) == 3:
         axes = figure.add_axes(box, projection="3d", computed_zorder=False)
         set_view(axes, low, high, names, zoom)
         return axes
     left, bottom, width, height = box
-    axes = figure.add_axes((left + 0.17 * width, bottom + 0.14 * height, 0.8 * width, 0.84 * height))
-    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel=names[0], ylabel=names[1], aspect="equal")
+    axes = figure.add_axes((left + 0.21 * width, bottom + 0.14 * height, 0.76 * width, 0.84 * height))
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel=names[0], ylabel=names[1])
+    axes.set_aspect("equal" if one_scale else "auto")
     for axis, size in zip((axes.xaxis, axes.yaxis), high - low, strict=True):
-        axis.set_major_locator(_few_ticks(3 if size > 0.6 * (high - low).max() else 1))
+        axis.set_major_locator(_few_ticks(3 if not one_scale or size > 0.6 * (high - low).max() else 1))
     return axes
 
 
@@ -133,19 +143,24 @@ def set_view(axes: Any, low: Array, high: Array, names: Sequence[str], zoom: flo
     axes.set_box_aspect(high - low, zoom=zoom)
     axes.set_proj_type("ortho")
     axes.view_init(elev=ELEVATION, azim=AZIMUTH)
+    # words come as much nearer to the axes as these are smaller, and do not shrink
+    nearer = min(1.0, zoom / ZOOM)
     for axis, name, size in zip((axes.xaxis, axes.yaxis, axes.zaxis), names, high - low, strict=True):
-        axis.set_major_locator(_few_ticks(3 if size > 0.4 * (high - low).max() else 2))
+        share = size / (high - low).max()
+        axis.set_major_locator(_few_ticks(3 if share > 0.4 else 2 if share > THIN else 0))
         axis.set_pane_color((1, 1, 1, 0))
         axis.line.set_color("0.5")
         axis._axinfo["grid"].update(color="0.9", linewidth=0.4)
         axis.set_label_text(name)
-        axis.labelpad = -6
-    axes.tick_params(pad=-3, labelsize=6.5)
+        axis.labelpad = 15 / nearer - 21
+    axes.tick_params(pad=5 / nearer - 8, labelsize=6.5)
 
 
 def _few_ticks(count: int) -> Any:
-    from matplotlib.ticker import MaxNLocator
+    from matplotlib.ticker import MaxNLocator, NullLocator
 
+    if not count:
+        return NullLocator()
     return MaxNLocator(nbins=count + 1, steps=[1, 2, 2.5, 5, 10])
 
 
@@ -160,6 +175,17 @@ def _depth(points: Array) -> float:
 
 def is_closed(line: Array) -> bool:
     return len(line) > 3 and np.allclose(line[0], line[-1])
+
+
+def bodies_of(closed: Mapping[str, Array]) -> dict[str, Array]:
+    """The closed lines that are no wheel, roller, drawbar or window of another."""
+    return {name: line for name, line in closed.items() if not PARTS & set(name.split())}
+
+
+def fills_of(closed: Mapping[str, Array]) -> dict[str, str]:
+    """The colour of each closed line: bodies in turn, their parts dark."""
+    bodies = list(bodies_of(closed))
+    return {name: FILLS[bodies.index(name) % len(FILLS)] if name in bodies else DARK for name in closed}
 
 
 def kinds_of(lines: Mapping[str, Array]) -> dict[str, float]:
@@ -185,15 +211,16 @@ def plot_robot(axes: Any, drawing: Mapping[str, Any], *, ghost: bool = False) ->
     lines = {name: line for name, line in lines.items() if np.isfinite(line).all()}
     closed = {name: line for name, line in lines.items() if is_closed(line)}
     if ghost:
-        for line in (closed or lines).values():
+        for line in (bodies_of(closed) or lines).values():
             axes.plot(*line.T, color="0.45", linewidth=0.7, linestyle=(0, (4, 2)), zorder=2)
         return
     points = {name: np.asarray(dots, dtype=float) for name, dots in drawing["points"].items()}
     order = {name: _depth(item) for name, item in {**lines, **points}.items()}
     rank = {name: 10 + i for i, name in enumerate(sorted(order, key=lambda name: order[name]))}
     flat = dimension(drawing) == 2
-    for i, (name, line) in enumerate(closed.items()):
-        look = {"facecolor": FILLS[i % len(FILLS)], "edgecolor": "0.2", "linewidth": 0.9, "alpha": 0.75}
+    fills = fills_of(closed)
+    for name, line in closed.items():
+        look = {"facecolor": fills[name], "edgecolor": "0.2", "linewidth": 0.9, "alpha": 0.75}
         if flat:
             axes.fill(*line.T, zorder=rank[name], **look)
             continue

@@ -28,6 +28,7 @@ FRAMES, SECONDS, REST = 48, 4.8, 1.2  # of the motion, and how long its end stan
 SIDE = 3.6  # inches a scene
 DOTS = {"gif": 150, "mp4": 200}  # per inch
 PALETTE = 96
+NEARLY_WHITE = 248  # a shade that counts as white
 
 
 def check_writer(kind: str) -> None:
@@ -103,7 +104,7 @@ def _scene(figure: Any, box: tuple[float, float, float, float], shot: _Shot, clo
     system, points = shot.entry.solution.problem.system, shot.points
     k = int(np.argmin(np.abs(shot.times - clock)))
     names = drawing.axis_names(system, len(shot.corners[0]), shot.entry.solution.problem.units)
-    axes = drawing.add_view(figure, box, *shot.corners, names, zoom=0.95)
+    axes = drawing.add_view(figure, box, *shot.corners, names, 0.95, not system.plotted)
     for end in shot.ends:
         drawing.plot_robot(axes, end, ghost=True)
     drawing.plot_robot(axes, drawn(system, shot.states[k]))
@@ -126,6 +127,8 @@ def _write_gif(images: Iterator[Image.Image], file: Path) -> None:
         sheet_of_colours.paste(picture, (0, i * picture.height))
     # the usual median cut would mix the paper's white with its neighbours
     palette = sheet_of_colours.quantize(PALETTE, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
+    # Pillow looks a colour up in cells of a few shades: nearly white would take the paper's place
+    palette.putpalette([255 if shade >= NEARLY_WHITE else shade for shade in palette.getpalette() or []])
     frames = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
     steps = [round(1000 * SECONDS / FRAMES)] * (len(frames) - 1) + [round(1000 * REST)]
     frames[0].save(

@@ -17,8 +17,11 @@ LEGS = ("leg_lengths", "u")  # the quantities of legs
 UNNAMED = Units()
 _GREEK = dict(
     zip(
-        ("alpha", "beta", "gamma", "theta", "phi", "psi", "omega", "sigma", "lambda", "kappa"),
-        "αβγθφψωσλκ",
+        (
+            *("alpha", "beta", "gamma", "delta", "theta", "phi", "varphi", "psi", "omega", "Omega", "sigma"),
+            *("lambda", "kappa", "rho", "tau"),
+        ),
+        "αβγδθφφψωΩσλκρτ",
         strict=True,
     )
 )
@@ -59,7 +62,7 @@ def symbol(name: str, *place: int) -> str:
     r"""Mathematics for a name: theta0_dot → $\dot{\theta}_0$, (v, 0) → $v_1$, det_s → $\det\,S$; long words stay."""
     if known := margin(name):
         return f"${known.symbol if known.matrix != 'jacobian' else sigma('j').symbol}$"
-    parts = re.fullmatch(r"(.*?)(\d*)(_[a-z])?(_dot)?", name)
+    parts = re.fullmatch(r"(.*?)_?(\d*)(_[a-z])?(_dot)?", name)
     stem, number, axis, dot = parts.groups() if parts else (name, "", None, None)
     indices = [number + (axis or "").lstrip("_"), *(str(index + 1) for index in place)]
     below = ",".join(index for index in indices if index)
@@ -80,13 +83,14 @@ def markup(label: str) -> Markup:
 def _formula(mathtext: str) -> Markup:
     text = re.sub(r"\\math\w+\{(\w+)\}", r"\1", str(escape(mathtext)))
     text = (
-        re.sub(r"\\dot\{([^}]*)\}", "\\1\N{COMBINING DOT ABOVE}", text)
+        re.sub(r"\\dot(?:\{([^}]*)\}|(\\[a-z]+)| (\w))", "\\1\\2\\3\N{COMBINING DOT ABOVE}", text)
+        .replace(r"\dots", "…")
         .replace(r"\,", " ")
         .replace(" - ", " − ")
     )
-    text = re.sub(r"\\([a-z]+)", lambda command: _GREEK.get(command[1], command[1]), text)
+    text = re.sub(r"\\([A-Za-z]+)", lambda command: _GREEK.get(command[1], command[1]), text)
     # letters on their own are variables; min, det and log are not
-    text = re.sub(r"(?<![A-Za-z&])[A-Za-zα-ω]\N{COMBINING DOT ABOVE}?(?![A-Za-z])", r"<i>\g<0></i>", text)
+    text = re.sub(r"(?<![A-Za-z&])[A-Za-zα-ωΩ]\N{COMBINING DOT ABOVE}?(?![A-Za-z])", r"<i>\g<0></i>", text)
     for mark, tag in (("_", "sub"), ("^", "sup")):
         inner = rf"\{mark}(?:\{{((?:[^{{}}]|\{{[^{{}}]*\}})*)\}}|(<i>\w</i>|\w))"
         text = re.sub(inner, lambda part, tag=tag: f"<{tag}>{_upright(part[1] or part[2])}</{tag}>", text)  # type: ignore[misc]

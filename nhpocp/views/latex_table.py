@@ -34,6 +34,10 @@ _ACCENTS = dict(
     zip("\u0300\u0301\u0302\u0303\u0308\u0304\u0306\u0307\u030c\u0327", "`'^~\"=u.vc", strict=True)
 )
 
+_SIGNS = {"∫": r"\int ", "²": "^2", " dt": r"\,\mathrm{d}t"}
+# the pieces of an integral that LaTeX does not take as they are
+_PIECE = re.compile(r" dt\b|(?P<word>[A-Za-z]\w{2,})|(?P<rate>[A-Za-z]\u0307)|[^\w|()/+=., ]|_", re.ASCII)
+
 
 def escaped(text: str) -> str:
     """Any text as LaTeX that prints it; a letter that LaTeX itself does not have as its number in Unicode."""
@@ -132,11 +136,14 @@ def _cost(groups: Sequence[Group]) -> str:
     (text,) = symbols
     if not text.startswith("∫"):
         return escaped(text)
-    for unicode, tex in (
-        ("∫", r"\int "),
-        ("²", "^2"),
-        (" dt", r"\,\mathrm{d}t"),
-        ("control", r"\mathrm{control}"),
-    ):
-        text = text.replace(unicode, tex)
-    return f"${text}$"
+    return f"${_PIECE.sub(_mathematics, unicodedata.normalize('NFD', text))}$"
+
+
+def _mathematics(piece: re.Match[str]) -> str:
+    """A piece of an integral; a letter that mathematics does not have is text there."""
+    letters = piece[0]
+    if piece.lastgroup == "word":
+        return rf"\mathrm{{{escaped(letters)}}}"
+    if piece.lastgroup == "rate":
+        return rf"\dot{{{letters[0]}}}"
+    return _SIGNS[letters] if letters in _SIGNS else rf"\mbox{{{escaped(letters)}}}"

@@ -152,7 +152,8 @@ def _path(motions: Sequence[_Motion]) -> Overlay | None:
         return None
     pose, goal = drawing.poses_of(first)[0], drawing.goal_pose(first.problem)
     every = np.concatenate(paths)
-    names = drawing.axis_names(first.problem.system, every.shape[1], first.problem.units)
+    system = first.problem.system
+    names = drawing.axis_names(system, every.shape[1], first.problem.units)
     figure = Picture(figsize=(WIDTH, 3.6))
     views = [(pose, "start, goal (dashed) and paths")] if pose.drawing["lines"] else []
     count = len(views) + 1
@@ -162,7 +163,7 @@ def _path(motions: Sequence[_Motion]) -> Overlay | None:
         boxes = [shown.drawing, *([goal.drawing] if goal else [])] if shown else []
         corners = drawing.extent(*boxes, points=every)
         place = ((i + 0.03) / count, 0.05, 0.9 / count, 0.8)
-        axes = drawing.add_view(figure, place, *corners, names, zoom=1.0 if shown else 0.85)
+        axes = drawing.add_view(figure, place, *corners, names, 1.0 if shown else 0.85, not system.plotted)
         if shown:
             if goal:
                 drawing.plot_robot(axes, goal.drawing, ghost=True)
@@ -174,9 +175,8 @@ def _path(motions: Sequence[_Motion]) -> Overlay | None:
             axes.tick_params(axis="z", pad=3)
         figure.text((i + 0.5) / count, 0.9, words, ha="center", va="center")
     _legend(figure, motions, "upper left")
-    caption = Markup(
-        "The path of the moving body, from the open to the full dot, at the same scale on all axes."
-    )
+    scale = "" if system.plotted else ", at the same scale on all axes"
+    caption = Markup("The path of the moving body, from the open to the full dot{}.").format(scale)
     return Overlay("path", "Path in space", caption, figure)
 
 

@@ -14,12 +14,21 @@ from nhpocp.arrays import Array
 from nhpocp.solution import Solution
 from nhpocp.systems.system import System
 from nhpocp.views import drawing
-from nhpocp.views.drawing import FILLS, is_closed, kinds_of, open_line_style, split_name
+from nhpocp.views.drawing import (
+    DARK,
+    FILLS,
+    bodies_of,
+    fills_of,
+    is_closed,
+    kinds_of,
+    open_line_style,
+    split_name,
+)
 from nhpocp.views.finite_path import path_of, thinned
 from nhpocp.views.labels import plain_words, symbol
 from nhpocp.views.panels import crossing_times
 
-PLAIN, DARK = "#e8ebef", "#4b5563"  # of balls and of bars that have no line's colour
+PLAIN = "#e8ebef"  # of balls
 TUBE = 0.62  # of the least length of a bar that extends
 FEW = 8  # points of a line that are kept in full precision: ends of legs, corners of bodies
 DIGITS = 6  # of curves in space, relative to the size of the scene
@@ -78,11 +87,10 @@ def scene(solution: Solution, most: int) -> dict[str, Any]:
         "trace": None if trace is None else trace.round(max(grain, 0)).tolist(),
         "ghosts": ghosts,
         "crossings": _crossings(solution, times, trace),
+        "stretched": bool(system.plotted),
         "low": low.tolist(),
         "high": high.tolist(),
-        "axes": [
-            name.replace("$", "") for name in drawing.axis_names(system, len(low), solution.problem.units)
-        ],
+        "axes": [plain_words(name) for name in drawing.axis_names(system, len(low), solution.problem.units)],
     }
 
 
@@ -193,11 +201,11 @@ def _along(frames: list[Mapping[str, Any]], of: Any) -> Array:
 def _colours(lines: Mapping[str, Array]) -> dict[str, str]:
     """The colours that the pictures on paper give to lines."""
     kinds, colours = list(kinds_of(lines)), {}
-    closed = [name for name, line in lines.items() if is_closed(line)]
+    fills = fills_of({name: line for name, line in lines.items() if is_closed(line)})
     for name in lines:
         kind, number = split_name(name)
-        if name in closed:
-            colours[name] = FILLS[closed.index(name) % len(FILLS)]
+        if name in fills:
+            colours[name] = fills[name]
         else:
             colours[name] = str(open_line_style(kinds.index(kind), number)["color"])
     return {name: "#b8b8b8" if colour == FILLS[0] else colour for name, colour in colours.items()}
@@ -207,7 +215,7 @@ def _outlines(shown: Mapping[str, Any], moving: set[Any]) -> list[list[list[floa
     """What a ghost shows: the outlines of bodies that move, or where there are none every line that does."""
     lines = {name: np.asarray(line, dtype=float) for name, line in shown["lines"].items()}
     closed = {name: line for name, line in lines.items() if is_closed(line)}
-    bodies = {name: line for name, line in closed.items() if name in moving} or {
+    bodies = {name: line for name, line in bodies_of(closed).items() if name in moving} or {
         name: line for name, line in lines.items() if name in moving or not moving
     }
     return [line.tolist() for line in (bodies or closed or lines).values() if np.isfinite(line).all()]

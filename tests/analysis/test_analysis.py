@@ -45,15 +45,31 @@ def conjecture():
     return analyze(paper_problem("paper_conjecture"))
 
 
+# those that are not simply controllable: with drift, bounded to one direction, folded or at rest where brackets fail
+VERDICTS = {
+    **dict.fromkeys(
+        ["bryson_denham", "double_integrator", "rigid_body", "satellite_slew"], "strongly accessible"
+    ),
+    **dict.fromkeys(["dubins", "three_trailers", "truck_docking", "truck_with_trailers"], "undecided"),
+    "equal_spheres": "not controllable",
+}
+RANKS = {
+    "cartan_line": 4,
+    "equal_spheres": 2,
+}  # of the guess's end point, where not full: on abnormal extremals
+
+
 @pytest.mark.parametrize("file", LIBRARY, ids=lambda file: file.stem)
-def test_every_problem_of_the_library_is_controllable(file):
+def test_what_is_known_of_every_problem_of_the_library(file):
     found = analyze(load_problem(file))
-    assert found.controllability.kind == "controllable"
-    assert found.controllability.failing == ()
-    assert found.end_point.spectrum.rank == found.problem.system.state_space.dimension
+    kind = VERDICTS.get(file.stem, "controllable")
+    assert found.controllability.kind == kind
+    assert kind in ("undecided", "not controllable") or found.controllability.failing == ()
+    assert found.end_point.spectrum.rank == RANKS.get(file.stem, found.problem.system.state_space.dimension)
     data = json.loads(json.dumps(plain(found.to_json()), allow_nan=False))
-    assert set(data["points"]) == {"start", "goal"}
-    assert data["generic"]["growth_vector"] == list(found.points["start"].growth.vector)
+    assert set(data["points"]) == ({"start", "goal"} if found.problem.goal_is_a_pose else {"start"})
+    if kind == "controllable":
+        assert data["generic"]["growth_vector"] == list(found.points["start"].growth.vector)
     assert len(data["path"]["t"]) == len(data["path"]["growth_vectors"]) >= 51
 
 

@@ -111,7 +111,53 @@ KNOWN = {
     "suslov_joint": ((2, 3), {"orientation": np.eye(3)}, {}),
     "rolling_sphere": ((2, 3, 5), {"position": [1, 2], "orientation": np.eye(3)}, {}),
     "rolling_sphere, marble": ((3, 5), {"position": [1, 2], "orientation": np.eye(3)}, {"contact": "marble"}),
+    "chained": ((2, 3, 4, 5, 6, 7), {"x": [0.1] * 7}, {"n": 7}),
+    "engel": ((2, 3, 4), {"x": 0.1, "y": 0.2, "z": 0.3, "v": 0.4}, {}),
+    "cartan": ((2, 3, 5), {"x": 0.1, "y": 0.2, "z": 0.3, "v": 0.4, "w": 0.5}, {}),
+    "car": ((2, 3, 4), {"x": 0, "y": 0, "theta": 0.2, "phi": 0.1}, {}),
+    "car_with_trailers": ((2, 3, 4, 5), {"x": 0, "y": 0, "theta": [0, 0.2, 0.3]}, {"lengths": [1, 1]}),
+    "car_with_trailers, off the axle": (
+        (2, 3, 5),
+        {"x": 0, "y": 0, "theta": [0, 0.2, 0.3]},
+        {"lengths": [1, 1], "hitch_offsets": [0.2, 0.3]},
+    ),
+    "nonholonomic_manipulator": ((2, 3, 4, 5), {"phi": 0, "theta": [0.1, 0.2, 0.3, 0]}, {"gains": [1, 1, 1]}),
+    "passive_sphere": ((3, 5), {"orientation": np.eye(3), "alpha": [0, 1.5]}, {}),
+    "friction_drive_wrist": ((2, 3), {"orientation": np.eye(3)}, {}),
+    "trident_snake": ((3, 6), {"x": 0, "y": 0, "theta": 0, "phi": [0.1, 0.2, 0.3]}, {}),
+    "mobile_manipulator": ((4, 5), {"x": 0, "y": 0, "theta": 0, "q": [0.1, 0.2]}, {}),
+    "sphere_on_sphere": ((2, 3, 5), {"contact_point": [0.1, 0.2], "orientation": np.eye(3)}, {}),
+    "sphere_on_sphere, marble": (
+        (3, 5),
+        {"contact_point": [0.1, 0.2], "orientation": np.eye(3)},
+        {"contact": "marble"},
+    ),
 }
+
+
+@pytest.mark.parametrize(
+    ("headings", "vector"),
+    [
+        ([0, np.pi / 2, np.pi / 2], (2, 3, 4, 4, 5)),
+        ([0, 0.3, 0.3 + np.pi / 2], (2, 3, 4, 5)),
+        ([0, np.pi / 2, np.pi, np.pi], (2, 3, 4, 4, 5, 5, 5, 6)),
+    ],
+    ids=["folded at the tractor", "folded behind", "folded twice"],
+)
+def test_a_folded_train_loses_steps(headings, vector):
+    """[Jean]: the degree rises, for two trailers to 5 and for three to 8, Fibonacci's numbers."""
+    system = system_class("car_with_trailers")(lengths=[1] * (len(headings) - 1))
+    (growth,) = grown(system, [0, 0, *headings], limit=9).points
+    assert growth.vector == vector
+
+
+def test_balls_of_one_size_go_nowhere_else():
+    """Rubber at 1:1 is integrable: two dimensions, and `analyze` says so."""
+    system = system_class("sphere_on_sphere")(ratio=1)
+    point = system.state_space.pack({"contact_point": np.array([0.1, 0.2]), "orientation": np.eye(3)})
+    found = grown(system, point)
+    assert found.points[0].vector == (2,)
+    assert verdict(found, ["here"], TOLERANCE).kind != "controllable"
 
 
 @pytest.mark.parametrize("case", KNOWN)

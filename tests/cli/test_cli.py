@@ -185,10 +185,11 @@ ENDINGS = {
     Outcome.ITERATION_LIMIT: ["--set", "solvers.jacobian.max_iterations=1"],
     Outcome.CONSTRAINT_VIOLATED: [
         "--set",
-        "constraints.leg_speed=1",
+        "constraints.leg_speed=18",
         "--set",
-        "solvers.jacobian={gamma: 1, max_iterations: 40}",
+        "solvers.jacobian={step_rule: euler, gamma: 1, max_iterations: 40}",
     ],
+    Outcome.INFEASIBLE: ["--set", "constraints.leg_speed=1"],
     Outcome.SINGULAR_S: ["--set", "control.initial=[[0,0,0,0,0], [0,0,0,0,0], [99,99,99,0,0]]"],
 }
 

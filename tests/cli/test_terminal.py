@@ -112,7 +112,7 @@ def test_the_second_phase_shows_its_cost_and_the_worst_bound_and_a_stop_draws_no
     said = plain(sent)
     assert status == 1
     assert re.search(r"to the least effort", said)
-    assert re.search(r"cost \d\.\d+  bounds: leg_speed by [\d.]+ of its limit", said)
+    assert re.search(r"cost \d\.\d+  bounds: leg_speed by [\d.e-]+ of its limit", said)
     assert said.strip().splitlines()[-1].strip() == "no pictures were drawn; `nhpocp plot out` draws them"
     assert not list((tmp_path / "out").glob("*.png"))
     assert load_solution(tmp_path / "out").outcome is Outcome.INTERRUPTED

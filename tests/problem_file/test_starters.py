@@ -58,14 +58,6 @@ def test_its_keys_stand_at_their_defaults() -> None:
         assert filled[name] == bare[name]
 
 
-def test_it_begins_with_a_task_of_the_library() -> None:
-    library = [parse(path.read_text(encoding="utf-8")).data for path in PROBLEMS]
-    for model in SYSTEMS:
-        example = system_class(model).example
-        tasks = [(data["start"], data["goal"]) for data in library if data["system"]["model"] == model]
-        assert not example or (example["start"], example["goal"]) in tasks, model
-
-
 def test_a_system_without_an_example_gets_a_made_up_task(monkeypatch) -> None:
     monkeypatch.setattr(system_class("unicycle"), "example", {})
     text = starter("unicycle")

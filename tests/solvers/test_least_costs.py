@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from math import pi, tan
+from math import pi, sqrt, tan
 from pathlib import Path
 
 import numpy as np
@@ -78,3 +78,23 @@ def test_a_marble_spins_in_place_where_rubber_has_to_roll_around():
     """With the third input a quarter turn about the vertical costs (π/2)²."""
     problem = problem_of("rolling_sphere", ["system.contact=marble", "control.initial=auto"])
     assert by_nlp(problem, 50).costs["effort"] == pytest.approx((pi / 2) ** 2, rel=1e-6)
+
+
+TURNS = {
+    "a third about (1, 1, 1)": ({"rotvec": [2 * pi / 3 / sqrt(3)] * 3}, 8.0871754459),
+    "a half about (1, 0, 1)": ({"rotvec": [pi / sqrt(2), 0, pi / sqrt(2)]}, 15.5071402938),
+    "a half about x": ({"rpy": [pi, 0, 0]}, pi**2),
+}
+
+
+@pytest.mark.parametrize("joint", [nhpocp.VeselovaJoint, nhpocp.SuslovJoint], ids=lambda joint: joint.model)
+@pytest.mark.parametrize("turn", TURNS)
+def test_least_efforts_of_joints(turn, joint):
+    """On SO(3) with ω_z = 0 in the socket or in the ball, by the maximum principle; 100 values cost O(1/N²) more."""
+    goal, least = TURNS[turn]
+    start = {"orientation": np.eye(3)}
+    problem = PlanningProblem(system=joint(), start=start, goal={"orientation": goal})
+    solution = nhpocp.solve(problem, nhpocp.MultipleShooting(intervals=100, starts=2))
+    assert solution.converged, solution.message
+    assert solution.costs["effort"] == pytest.approx(least, rel=1e-3)
+    assert solution.costs["effort"] >= least * (1 - 1e-6)

@@ -15,6 +15,7 @@ from nhpocp.systems.free_nilpotent_36 import FreeNilpotent36
 from nhpocp.systems.heisenberg import Heisenberg
 from nhpocp.systems.numeric import numeric_system
 from nhpocp.systems.rolling_sphere import RollingSphere
+from nhpocp.systems.sphere_on_sphere import SphereOnSphere
 from nhpocp.systems.suslov_joint import SuslovJoint
 from nhpocp.systems.system import System
 from nhpocp.systems.unicycle import Unicycle
@@ -111,6 +112,22 @@ def test_what_touches_stands_still(contact):
     velocity = (8 * (places[1] - places[-1]) - (places[2] - places[-2])) / (12 * step)
     speed = np.linalg.norm(control(np.array([now]))[0][:2])
     assert np.linalg.norm(velocity) < 1e-8 * speed
+
+
+def test_on_a_ball_of_its_size_the_orientation_follows_from_the_place():
+    """R = (2γγᵀ - 1)(2γ_0γ_0ᵀ - 1) R_0, [Koiller & Ehlers], whatever the way."""
+    ball = SphereOnSphere(ratio=1)
+    control = Control(Fourier(2), np.random.default_rng(7).standard_normal((2, 5)))
+    first, turned = np.array([0.3, -0.2]), so3.exp(np.array([0.2, 0.5, -0.3]))
+    start = {"contact_point": first, "orientation": turned}
+    last = end(ball, start, control)
+
+    def mirror(place: np.ndarray) -> np.ndarray:
+        gamma = np.asarray(ball.line_of_centres(np.array([*place, *np.eye(3).ravel()]))[0])
+        return 2 * np.outer(gamma, gamma) - np.eye(3)
+
+    expected = mirror(last["contact_point"]) @ mirror(first) @ turned
+    np.testing.assert_allclose(last["orientation"], expected, atol=1e-10)
 
 
 def test_a_ball_at_rest_on_a_turntable_turns_with_it():

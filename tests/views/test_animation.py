@@ -330,3 +330,16 @@ def test_a_vehicle_is_seen_from_above(opened):
     )
     assert right[0] == pytest.approx(-up[1])
     assert abs(right[1]) + abs(up[0]) < 1e-6 * right[0]
+
+
+def test_numbers_that_are_no_places_fill_the_plane(opened):
+    """The two axes of a phase plane have scales of their own."""
+    page = opened(render(entries(of_library("double_integrator"))))
+    low, high = page.evaluate(
+        "[nhpocp.data.runs[0].low, nhpocp.data.runs[0].high].map((p) => nhpocp.project(0, p))"
+    )
+    width, height = page.evaluate(
+        "(({ clientWidth: w, clientHeight: h }) => [w, h])(document.querySelector('canvas'))"
+    )
+    assert high[0] - low[0] > 0.7 * width
+    assert low[1] - high[1] > 0.7 * height

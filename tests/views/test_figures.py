@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from scipy.integrate import solve_ivp
 
@@ -548,6 +549,8 @@ def test_what_was_never_tried_shows_its_two_ends() -> None:
         ("omega_z", None, r"$\omega_{z}$"),
         ("x_dot", None, r"$\dot{x}$"),
         ("hitch_angle", None, "hitch angle"),
+        ("v_0", None, "$v_{0}$"),
+        (r"\dot\alpha_1", None, r"$\dot\alpha_{1}$"),
     ],
 )
 def test_symbols(name: str, index: int | None, expected: str) -> None:
@@ -563,6 +566,8 @@ def test_symbols(name: str, index: int | None, expected: str) -> None:
         (r"control $\dot{\theta}_{0}$ [rad]", "control θ̇₀ [rad]"),
         ("$p_{1}$ – goal [length]", "p₁ – goal [length]"),
         ("time [–]", "time [–]"),
+        (r"control $\dot\alpha_{1}$, $\dot q_{2}$", "control α̇₁, q̇₂"),
+        (r"$\Omega_{3}$ over $x_2, \dots, x_n$", "Ω₃ over x₂, …, xₙ"),
     ],
 )
 def test_words_of_labels(label: str, words: str) -> None:
@@ -595,8 +600,25 @@ def test_a_unicycle_is_seen_from_above_at_one_scale() -> None:
     figure = FIGURES["robot"](of_library("unicycle"))
     assert [axes.name for axes in figure.axes] == ["rectilinear"] * 3
     assert {axes.get_aspect() for axes in figure.axes} == {1.0}
-    assert all(len(axes.patches) == 1 for axes in figure.axes)  # its body, filled
+    assert all(len(axes.patches) == 2 for axes in figure.axes)  # its body and its wheel, filled
     assert figure.axes[0].get_xlabel() == "$x$ [length]"
+
+
+def test_wheels_and_windows_are_dark_parts_of_a_body() -> None:
+    """A ghost leaves them out."""
+    pose = drawing.goal_pose(of_library("car").problem)
+    axes = Figure().add_subplot()
+    drawing.plot_robot(axes, pose.drawing)
+    shades = [to_hex(patch.get_facecolor()) for patch in axes.patches]
+    assert sorted(shades) == [drawing.DARK] * 5 + [to_hex(drawing.FILLS[0])]
+    drawing.plot_robot(axes, pose.drawing, ghost=True)
+    assert len(axes.get_lines()) == 1
+
+
+def test_numbers_that_are_no_places_have_scales_and_names_of_their_own() -> None:
+    figure = FIGURES["robot"](of_library("chained"))
+    assert {axes.get_aspect() for axes in figure.axes} == {"auto"}
+    assert figure.axes[0].get_ylabel() == r"$x_2, \dots, x_n$"
 
 
 def test_a_joint_alone_has_no_lengths() -> None:

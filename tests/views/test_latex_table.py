@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from nhpocp.comparison import Comparison
+from nhpocp.objectives.registry import OBJECTIVES
 from nhpocp.outcome import Outcome
 from nhpocp.views.latex_table import escaped, latex_table, number
 from tests.test_comparison import line, made
@@ -74,6 +75,19 @@ def test_problems_with_a_run_each_are_rows() -> None:
     lines = latex_table(Comparison.of(runs)).splitlines()
     assert [text.split(" & ")[0] for text in lines[5:8]] == [rf"goal\_{i}" for i in (1, 2, 3)]
     assert lines.count(r"\midrule") == 1
+
+
+def test_the_symbol_of_any_objective_is_mathematics(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A plugin's too, and inputs of any name."""
+    for symbol, tex in (
+        ("∫|{control}|² dt", r"\int |\mathrm{control}|^2\,\mathrm{d}t"),
+        ("∫|ẋ|² dt", r"\int |\dot{x}|^2\,\mathrm{d}t"),
+        ("∫m_of_θ · 5% dt", r"\int \mathrm{m\_of\_}\mbox{U+03B8} \mbox{U+00B7} 5\mbox{\%}\,\mathrm{d}t"),
+    ):
+        monkeypatch.setattr(type(OBJECTIVES["effort"]), "symbol", symbol)
+        table = latex_table(evil())
+        assert table.isascii()
+        assert f" & ${tex}$ & " in table
 
 
 @pytest.mark.skipif(ENGINE is None, reason="no LaTeX here")

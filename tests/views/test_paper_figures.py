@@ -68,6 +68,21 @@ def test_in_a_column_nothing_is_cut_and_no_text_lies_on_another(tmp_path: Path) 
         assert all(lines_of(own) for own in axes)
 
 
+@pytest.mark.parametrize("millimetres", [60, 84, 100, 120, 174])
+def test_the_names_of_the_axes_of_a_mechanism_stay_in_its_view(millimetres: float) -> None:
+    """A narrow view leaves as much room for them as a wide one."""
+    figure = FIGURES["robot"](good(), room=Room(millimetres / 25.4))
+    figure.draw_without_rendering()
+    rights = [axes.get_position(original=True).x1 * figure.bbox.width for axes in figure.axes]
+    gap = 0.05 * figure.bbox.width / len({axes.get_position().x0 for axes in figure.axes})
+    for axes, right in zip(figure.axes, rights, strict=True):
+        for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
+            box = axis.label.get_window_extent()
+            assert box.x1 <= right + gap
+            assert figure.bbox.contains(box.x0, box.y0)
+            assert figure.bbox.contains(box.x1, box.y1)
+
+
 def test_text_of_svg_is_text_in_fonts_of_its_own(tmp_path: Path) -> None:
     first, *_ = files = write_pictures(good(), tmp_path / "a", ("svg",), room=COLUMN, text=True)
     said = words(first)

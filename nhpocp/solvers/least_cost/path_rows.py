@@ -15,7 +15,7 @@ import numpy as np
 
 from nhpocp.arrays import Array
 from nhpocp.calls import call, mapped
-from nhpocp.constraints.bound import Bound, BoundReport, check_bounds
+from nhpocp.constraints.bound import Bound, BoundReport, check_bounds, in_shape
 from nhpocp.controls.basis import ControlBasis
 from nhpocp.controls.control import Control
 from nhpocp.flow.dynamics import Dynamics
@@ -171,7 +171,7 @@ class _Sides:
 def _sides(bound: Bound, shape: tuple[int, ...]) -> _Sides:
     """The limits of a quantity of this shape moved inwards by `INSIDE`, those of an equation outwards by `FORGIVEN`."""
     columns, sides = [], (bound.lower, bound.upper, *bound.sizes)
-    lower, upper, below, above = (np.broadcast_to(np.asarray(side, float), shape).ravel() for side in sides)
+    lower, upper, below, above = (in_shape(side, shape).ravel() for side in sides)
     for sign, limits, others, sizes in ((1.0, lower, upper, below), (-1.0, upper, lower, above)):
         for place in np.flatnonzero(np.isfinite(limits)):
             limit, width, size = limits[place], abs(others[place] - limits[place]), sizes[place]

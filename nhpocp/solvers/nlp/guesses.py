@@ -46,7 +46,10 @@ class NoGuessError(InvalidProblemError):
 class GuessMaker(Protocol):
     """Makes the first guess of an NLP over a basis, with node states at the ends of equal intervals."""
 
-    kind: ClassVar[str]
+    @property
+    def kind(self) -> str:
+        """How a file calls it."""
+        ...
 
     def control(self, problem: PlanningProblem, horizon: float, seed: int) -> Control:
         """A control over any basis; the guess projects it and follows it."""

@@ -26,6 +26,7 @@ from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.step_rules import Adaptive
 from nhpocp.solvers.nlp.guesses import GuessMaker, ProblemGuess, SolverGuess, StraightGuess
 from nhpocp.solvers.nlp.ipopt import Ipopt
+from nhpocp.solvers.nlp.least_time import COARSER, COARSEST, CoarseGuess, singular_arcs
 from nhpocp.solvers.nlp.optimizer import Optimizer
 from nhpocp.solvers.nlp.shooting_run import Run
 from nhpocp.solvers.nlp.single_shooting import SingleShooting
@@ -123,6 +124,9 @@ class MultipleShooting(Constructed):
             change = mesh_check(self, problem, best, told)
             checked = {"mesh_check": change, "mesh_check_s": perf_counter() - began}
             best = replace(best, details={**best.details, **checked})
+        if problem.objective == "time" and best.outcome is Outcome.CONVERGED:
+            words = singular_arcs(problem, best.control)
+            best = replace(best, warnings=[*best.warnings, *filter(None, [words])])
         return best
 
     def _from_starts(self, problem: PlanningProblem, progress: Progress | None) -> Iterator[Solution]:
@@ -183,6 +187,9 @@ class MultipleShooting(Constructed):
         if iterations is not None:
             most = iterations if last else min(iterations, max(PATIENCE, iterations // 4))
             optimizer = replace(optimizer, max_iterations=most)
+        if problem.objective == "time" and not self.over_basis and self.intervals >= COARSER * COARSEST:
+            coarse = replace(self, intervals=self.intervals // COARSER)
+            maker = CoarseGuess(Run(coarse, problem, progress, maker, seed, optimizer), maker)
         return Run(self, problem, progress, maker, seed, optimizer)
 
     @property

@@ -564,7 +564,7 @@ system: {{model: three_upu}}
 start: {{position: [0, 0, 25], orientation: {{rpy: [0, 0, -pi/6]}}}}
 goal: {{position: [-0.4, -0.2, 35], orientation: {{rpy: [0, 0, -90 deg]}}}}
 control: {{basis: fourier, harmonics: 2, initial: [[0, .5, 0, 0, 0], [0, .5, 0, 0, 0], [1, 0, .5, 0, 0]]}}
-solvers: {{jacobian: {{gamma: 1}}, compile: {word}}}
+solvers: {{jacobian: {{step_rule: euler, gamma: 1}}, compile: {word}}}
 """
 
 

@@ -193,32 +193,47 @@ def lifted(angle, **changes):
 
 @pytest.mark.parametrize("angle", [0.0, -np.pi / 6])
 @pytest.mark.parametrize("initial", [None, PAPER_START], ids=["seeded", "given"])
-def test_a_lift_is_planned_by_default_and_at_the_least_effort(angle, initial):
+def test_a_lift_is_planned_by_default(angle, initial):
+    assert planning.solve(lifted(angle, initial=initial)).converged
+
+
+@pytest.fixture(scope="module")
+def turned_lift():
+    """At the least effort; six starts agree soon."""
+    return planning.solve(lifted(-np.pi / 6), CHEAP)
+
+
+@pytest.fixture(scope="module")
+def straight_lift():
+    """At the least effort; of 32 starts, which share their seeds whatever the first is, the best are among 18."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(auto, "STARTS", 18)
+        return planning.solve(lifted(0.0, initial=None), CHEAP)
+
+
+@pytest.mark.parametrize(("lift", "least"), [("straight_lift", 5.34329), ("turned_lift", 8.67753)])
+def test_a_lift_is_planned_at_the_least_effort(lift, least, request):
     """One start leads to 20.9 and 8.68; 5.34 and 8.68 are the least that hundreds of starts found over this basis."""
-    problem = lifted(angle, initial=initial)
-    plain = planning.solve(problem)
-    assert plain.converged
-    cheap = planning.solve(problem, CHEAP)
+    cheap = request.getfixturevalue(lift)
     assert cheap.converged
-    assert cheap.control.effort == pytest.approx({0.0: 5.34329}.get(angle, 8.67753), rel=1e-4)
+    assert cheap.control.effort == pytest.approx(least, rel=1e-4)
     assert "the least of" in cheap.message
     assert cheap.details["costs_of_starts"][0] == pytest.approx(cheap.control.effort, rel=1e-6)
     errors = [record["error"] for record in own_records(cheap)]
     assert errors[-1] == cheap.final_error  # pictures show the plan's own try
 
 
-def test_a_plan_that_may_be_poor_says_so(monkeypatch):
+def test_a_plan_that_may_be_poor_says_so(monkeypatch, turned_lift):
     """Not at a stationary point, or much less than the next start's."""
     alone = planning.solve(lifted(0.0), replace(CHEAP.continuation, max_iterations=40))
     assert alone.converged
     assert any("where it still falls; try `step_rule: auto`" in warning for warning in alone.warnings)
-    monkeypatch.setattr(auto, "STARTS", 12)
+    monkeypatch.setattr(auto, "STARTS", 9)
     compared = planning.solve(lifted(0.0), CHEAP)
     least, following = compared.details["costs_of_starts"][:2]
-    doubted = any("the next costs" in warning for warning in compared.warnings)
-    assert doubted == (following > 1.1 * least)
-    sure = planning.solve(lifted(-np.pi / 6), CHEAP)
-    assert sure.warnings == []
+    assert following > 1.1 * least
+    assert any("the next costs" in warning for warning in compared.warnings)
+    assert turned_lift.warnings == []
 
 
 def test_a_stop_while_starts_are_compared_keeps_the_least_so_far():
