@@ -37,7 +37,7 @@ def test_what_all_have_in_common_is_not_said_and_what_differs_is(runs: list[tupl
 
 def test_a_variant_may_change_the_control() -> None:
     problem = paper_problem(initial=None)
-    other, _ = variant(problem, "jacobian:control.harmonics=3,gamma=0.5")
+    other, _ = variant(problem, "jacobian:control.harmonics=3,step_rule=euler,gamma=0.5")
     assert other.basis.parameters() == {"harmonics": 3}
     assert other.solvers["jacobian"].settings()["gamma"] == 0.5
     other, _ = variant(paper_problem(), "nlp:control.basis=legendre,control.degree=4,control=basis")

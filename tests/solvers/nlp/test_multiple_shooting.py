@@ -244,7 +244,7 @@ def test_bounds_broken_between_the_nodes_are_tightened():
 # --- endings ------------------------------------------------------------------------------------------------
 
 
-SLOW_LEGS = paper_problem(bounds=[Bound("leg_speed", "u", -1.0, 1.0)])
+SLOW_LEGS = paper_problem(bounds=[Bound("leg_speed", "u", -18.0, 18.0)])  # 17.6 is needed on the straight way
 
 
 def ended(problem, outcome, progress=None, **settings):
@@ -296,7 +296,7 @@ def test_what_stands_in_the_way_is_named_with_its_times(settings):
     assert "leg_speed[" in solution.message
     assert " at t=" in solution.message
     assert "or loosen leg_speed" in solution.message
-    assert solution.verdict.error > 1
+    assert solution.verdict.error > 0.1
 
 
 def test_ends_not_finite_without_a_guess():

@@ -54,7 +54,7 @@ def test_a_guess_that_reaches_a_far_goal_is_better_than_nothing():
     assert "optimality is not certified" in solution.warnings[-1]
 
 
-@pytest.mark.parametrize("limit", [1e-3, 1.0])
+@pytest.mark.parametrize("limit", [17.7, 18.0])  # 17.63 is needed on the straight way, and more on any other
 def test_legs_that_are_too_slow_are_named_and_nothing_is_called_infeasible(limit):
     """Continuity and goal are no constraints that anybody could loosen."""
     problem = paper_problem(bounds=[Bound("leg_speed", "u", -limit, limit)])
@@ -85,12 +85,12 @@ def test_a_bound_that_leaves_no_way_is_named_before_more_iterations():
 
 
 def test_the_budget_is_kept_over_all_guesses():
-    problem = paper_problem(bounds=[Bound("leg_speed", "u", -1.0, 1.0)])
+    problem = paper_problem(bounds=[Bound("leg_speed", "u", -18.0, 18.0)])
     solution = planning.solve(
         problem, nlp(intervals=6, steps_per_interval=1, optimizer=Ipopt(max_iterations=20))
     )
     assert solution.outcome is Outcome.ITERATION_LIMIT
-    assert len(solution.iterations) <= 22
+    assert len(solution.iterations) <= 20 + 3  # each of three tries begins with its guess
     assert "max_iterations was reached" in solution.message
     assert solution.settings["max_iterations"] == 20
 
