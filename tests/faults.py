@@ -370,7 +370,7 @@ def prepared(home: Path, quick: bool) -> Iterator[None]:
 
 
 def _draw_little(patch: Any) -> None:
-    tiny = {name: lambda _: Figure((1, 1)) for name in ("controls", "robot")}
+    tiny = {name: lambda *_, **__: Figure((1, 1)) for name in ("controls", "robot")}
     patch(figures, "FIGURES", tiny)
     patch(figures, "names_of", lambda _: list(tiny))
     patch(analysis_figures, "FIGURES", tiny)

@@ -91,7 +91,10 @@ def test_a_comparison_has_a_table_for_each_problem():
     assert "One is missing." in page.words
     assert len(page.named("table")) == len(pictures) == 2
     many = Comparison.of(
-        [replace(toy(), problem=nhpocp.replace(toy().problem, name=f"n{i}")) for i in range(6)]
+        [
+            replace(toy(), problem=toy().problem.with_(name=f"n{i}", horizon=1.0 + i))  # six tasks, not one
+            for i in range(6)
+        ]
     )
     assert "2 more problems" in card(many)[0].words
     assert "no runs" in card(Comparison([]))[0].words

@@ -42,6 +42,7 @@ STARTS = 32  # at most, that are compared by what they cost in the end
 WIDTHS = (1.0, 0.5, 2.0)  # of the seeded among them, in turn
 AGREEING = 6  # starts that lead to the least cost so far: others are hardly worth the work
 ALIKE = 5e-3  # relative, of two costs
+NOTHING = 1e-6  # of the objective's unit: less is not worth a search
 FURTHER = 2  # times the restarts: seeded starts that are tried where all else failed
 
 
@@ -126,9 +127,11 @@ class _Search:
     def _cheapest(self, first: ContinuationResult) -> ContinuationResult:
         """Of the plan that is at hand, and those to which the null space leads from seeded starts."""
         plans, allowed = [self._numbered(first)], len(self.records) + BUDGET
+        nothing = NOTHING * OBJECTIVES[self.base.objective].scale(self.problem.scales)
         for start in range(1, STARTS):
             least = min(plans, key=_cost)
-            if len(self.records) > allowed or sum(_alike(plan, least) for plan in plans) == AGREEING:
+            agreed = sum(_alike(plan, least) for plan in plans) == AGREEING
+            if agreed or _cost(least) <= nothing or len(self.records) > allowed:
                 break
             self.way = f"start {start + 1} of {STARTS} for less {self.base.objective}"
             try:
