@@ -17,6 +17,7 @@ from nhpocp.arrays import Array, cross, dot, namespace, norm
 from nhpocp.declared import degrees_hint
 from nhpocp.errors import InvalidProblemError, OrientationAtPiError, describe
 from nhpocp.singular_values import svd
+from nhpocp.written_numbers import numbers_in
 
 # arcsin(s)/s in powers of s²
 ARCSINE = [1.0, 1 / 6, 3 / 40, 15 / 336, 105 / 3456, 945 / 42240, 10395 / 599040]
@@ -209,9 +210,10 @@ def from_mapping(value: Mapping[str, Any]) -> Array:
         )
     name = given[0]
     try:
-        if np.asarray(value[name]).dtype.kind in "bUS":
+        given_numbers = numbers_in(value[name])
+        if np.asarray(given_numbers).dtype.kind in "bUS":
             raise ValueError
-        numbers = np.array(value[name], dtype=float)
+        numbers = np.array(given_numbers, dtype=float)
         shape = {"quaternion": (4,), "matrix": (3, 3)}.get(name, (3,))
         if numbers.shape != shape or not np.isfinite(numbers).all():
             raise ValueError

@@ -18,6 +18,7 @@ from nhpocp.constructed import Constructed
 from nhpocp.declared import Degrees, degrees_hint, whole_number
 from nhpocp.errors import InvalidProblemError, describe, expect
 from nhpocp.frozen import Frozen
+from nhpocp.written_numbers import numbers_in
 
 Kind = Literal["vector", "scalar", "rotation", "direction", "matrix"]
 Unit = Literal["length", "angle", ""]
@@ -92,6 +93,7 @@ class Block(Constructed):
         if self.kind == "rotation" and isinstance(value, Mapping):
             return so3.from_mapping(value)
         try:
+            value = numbers_in(value)
             if np.asarray(value).dtype.kind in "bUS":  # NumPy would read texts and truth values as numbers
                 raise ValueError
             numbers = np.array(value, dtype=float)

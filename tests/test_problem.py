@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+import nhpocp
 from nhpocp import so3
 from nhpocp.constraints.bound import Bound
 from nhpocp.controls.fourier import Fourier
@@ -163,3 +164,20 @@ def test_control_uses_the_problems_basis_and_horizon():
     control = found.control(found.initial)
     assert (control.basis, control.horizon) == (Fourier(1), 3.0)
     assert found.control(found.initial, 5.0).horizon == 5
+
+
+def test_states_in_python_take_what_files_take():
+    """The contract's own example, with degrees as text."""
+    start = {"position": [0, 0, 25], "orientation": {"rpy": [0, 0, "-30 deg"]}}
+    task = {"start": start, "goal": {"position": [0, 0, 30]}}
+    problem = PlanningProblem(system=ThreeUPU(), horizon=1.0, bounds={"leg_length": [20, 60]}, **task)
+    np.testing.assert_allclose(
+        problem.start["orientation"], so3.from_rpy(np.array([0, 0, -np.pi / 6])), atol=1e-15
+    )
+    wheel = PlanningProblem(
+        system=nhpocp.Unicycle(),
+        start={"x": 0, "y": 0, "theta": "30 deg"},
+        goal={"x": 0, "y": 0, "theta": "pi/2"},
+    )
+    assert float(wheel.start["theta"]) == pytest.approx(np.pi / 6)
+    assert float(wheel.goal["theta"]) == pytest.approx(np.pi / 2)

@@ -113,7 +113,7 @@ def parse_slice(text: str, space: StateSpace) -> list[Span]:
 
 
 def _number(text: str) -> float:
-    from nhpocp.problem_file.numbers import parse_number
+    from nhpocp.written_numbers import parse_number
 
     value: Any = text.strip()
     with suppress(ValueError):  # -pi/6, 75 deg

@@ -10,8 +10,9 @@ from nhpocp.constraints.kind import ConstraintKind
 from nhpocp.constraints.registry import KINDS
 from nhpocp.constraints.written import PAIR
 from nhpocp.errors import describe
-from nhpocp.problem_file.numbers import NUMBER_SCHEMA, Checked, NotNegative, parse_number
+from nhpocp.problem_file.numbers import NUMBER_SCHEMA, Checked, NotNegative
 from nhpocp.problem_file.states import Strict
+from nhpocp.written_numbers import parse_number
 
 INFINITE = ("inf", "-inf", "+inf", ".inf", "-.inf", "infinity", "-infinity")  # as people write an open side
 

@@ -20,12 +20,12 @@ from nhpocp.problem_file.numbers import (
     Share,
     Size,
     Whole,
-    parse_number,
 )
 from nhpocp.problem_file.settings import Solvers, absent
 from nhpocp.problem_file.states import State, StateValue, Strict
 from nhpocp.solvers.registry import SOLVERS
 from nhpocp.units import LONGEST, unit_name
+from nhpocp.written_numbers import parse_number
 
 VERSION = 1
 

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from nhpocp.arrays import Array
-from nhpocp.problem_file.numbers import parse_number
 from nhpocp.study.schema import SpreadData, StudyData
+from nhpocp.written_numbers import parse_number
 
 END = "goal."  # keys below it can be changed without a new problem
 

@@ -37,10 +37,10 @@ from nhpocp.problem_file import (
     systems,
 )
 from nhpocp.problem_file.document import parse
-from nhpocp.problem_file.numbers import parse_number
 from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.step_rules import Euler
 from nhpocp.systems.three_upu import ThreeUPU
+from nhpocp.written_numbers import parse_number
 
 ROOT = Path(__file__).parents[2]
 PROBLEMS = sorted((ROOT / "problems").glob("*.yaml"))

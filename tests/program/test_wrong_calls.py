@@ -149,7 +149,7 @@ CALLS = [  # what is written, and what the answer says
         lambda _: problem(goal={"orientation": [0, 0, 1]}),
         "expected {rpy: [roll, pitch, yaw]}, got a list of 3",
     ),
-    (lambda _: problem(goal={"orientation": {"rpy": [0, 0, "-90 deg"]}}), "write 30 deg as 30 * nhpocp.deg"),
+    (lambda _: problem(goal={"orientation": {"rpy": [0, 0, "-90°"]}}), "write 30 deg as 30 * nhpocp.deg"),
     (lambda _: problem(goal={"orientation": {"euler": [0, 0, 1]}}), "expected exactly one of rpy"),
     (lambda _: problem(basis="fourier"), "expected a basis such as Fourier(2), got the text 'fourier'"),
     (lambda _: problem(basis=Fourier), "got the class Fourier; write Fourier(…)"),
