@@ -36,7 +36,7 @@ def posed(length, time, objective):
 
 def planned(length, time, objective):
     solver = MultipleShooting(
-        intervals=12, steps_per_interval=2, optimizer=Ipopt(tolerance=1e-4), kernels=Interpreted()
+        intervals=8, steps_per_interval=2, optimizer=Ipopt(tolerance=1e-4), kernels=Interpreted()
     )
     return planning.solve(posed(length, time, objective), solver)
 
