@@ -27,7 +27,7 @@ from nhpocp.provenance import machine, peak_memory, reset_peak_memory
 from nhpocp.runs_apart import task_of, told_apart
 from nhpocp.shown import Shown
 from nhpocp.solution import Progress, Solution, Solver, telling
-from nhpocp.solvers.unsolved import unsolved
+from nhpocp.solvers.claimed import unsolved
 
 SCHEMA_VERSION = 1
 VARIANTS = ("jacobian", "nlp")  # what is compared unless told

@@ -22,8 +22,8 @@ from nhpocp.pace import ROOM, patient_horizon, too_far
 from nhpocp.problem import PlanningProblem
 from nhpocp.scales import coarse
 from nhpocp.solution import Progress, Solution, Solver, telling
+from nhpocp.solvers.claimed import unsolved
 from nhpocp.solvers.registry import SOLVERS, made_solver
-from nhpocp.solvers.unsolved import unsolved
 from nhpocp.systems.numeric import numeric_system
 from nhpocp.verification import verify
 

@@ -58,10 +58,9 @@ class LeastSquares(Constructed):
 
         from nhpocp.flow.end_point_map import DifferentiatedEndPointMap
         from nhpocp.flow.integrators import RungeKutta4
-        from nhpocp.flow.simulation import simulate
         from nhpocp.interruption import Interruption
         from nhpocp.outcome import Outcome
-        from nhpocp.solution import Solution
+        from nhpocp.solvers.claimed import claimed
         from nhpocp.solvers.continuation.end_point_error import EndPointError
         from nhpocp.solvers.continuation.initial_control import initial_coefficients
 
@@ -94,20 +93,8 @@ class LeastSquares(Constructed):
         error, _ = at(fit.x).measured()
         reached = error <= self.tolerance
         ending = Outcome.ITERATION_LIMIT if fit.status == 0 else Outcome.STAGNATED
-        motion = simulate(problem, control)
-        return Solution(
-            problem=problem,
-            solver=self.name,
-            settings=self.settings(),
-            tolerance=self.tolerance,
-            outcome=Outcome.CONVERGED if reached else ending,
-            message=f"E = {error:.3g} after {fit.nfev} evaluations.{'' if reached else ' ' + ending.advice}",
-            final_error=error,
-            control=control,
-            trajectory=motion.trajectory,
-            costs=motion.costs,
-            iterations=records,
-            evaluations=len(records),
-            objective="none",
-            timing={"build_s": 0.0, "solve_s": perf_counter() - began},
-        )
+        outcome = Outcome.CONVERGED if reached else ending
+        message = f"E = {error:.3g} after {fit.nfev} evaluations.{'' if reached else ' ' + ending.advice}"
+        timing = {"build_s": 0.0, "solve_s": perf_counter() - began}
+        more = {"iterations": records, "evaluations": len(records), "objective": "none", "timing": timing}
+        return claimed(problem, self, control, outcome, message, error, **more)

@@ -27,6 +27,7 @@ RESOLVED = 1e-11  # the last coefficients of such a polynomial, by the largest
 SHORTEST = 1e-3  # half of the part of a stretch that is not halved again
 THERE = 1e-12  # of the largest coordinate: nearer to the goal, one is left as it is
 BRIEFEST = 1e-3  # of the longest stretch
+STEPS = 200  # at least, to see where a control leads
 CHARTS = 4  # times that the way to a goal is halved, where no chart holds both ends
 ASIDE = (-3.0, -1.0, -0.3, 0.3, 1.0, 3.0)  # places of z_1 to go by, for polynomials
 
@@ -89,13 +90,12 @@ class Sinusoids(Constructed):
         import numpy as np
 
         from nhpocp.controls.sequence import join
-        from nhpocp.flow.simulation import simulate
         from nhpocp.outcome import Outcome
-        from nhpocp.solution import Solution
+        from nhpocp.solvers.claimed import claimed
 
         began, count = perf_counter(), 0
         pieces: list[Control] = []
-        points, records = [problem.start_point], []
+        points = [problem.start_point]
         durations = np.diff([0.0, *(task.share for task in problem.tasks)]) * problem.horizon.fixed
         for task, duration in zip(problem.tasks, durations, strict=True):
             goal = _next_pose(problem, task.values, points[-1])
@@ -107,30 +107,19 @@ class Sinusoids(Constructed):
             count += len(stretches)
             points.append(goal)
         control = join(pieces)
-        motion = simulate(problem, control)
-        end = problem.system.state_space.pack({n: motion.trajectory[n][-1] for n in problem.start})
-        error = float(np.linalg.norm(problem.tasks[-1].weights * problem.tasks[-1].difference(end)))
-        records.append({"k": 0, "error": error})
+        error = _missed(problem, control)
+        reached, record = error <= self.tolerance, {"k": 0, "error": error}
         if progress:
-            progress(records[-1])
-        reached = error <= self.tolerance
-        kind = f"{count} stretches of {self.given.inputs} in chained form"
-        return Solution(
-            problem=problem,
-            solver=self.name,
-            settings=self.settings(),
-            tolerance=self.tolerance,
-            outcome=Outcome.CONVERGED if reached else Outcome.STAGNATED,
-            message=f"E = {error:.3g} by {kind}.",
-            final_error=error,
-            control=control,
-            trajectory=motion.trajectory,
-            costs=motion.costs,
-            iterations=records,
-            evaluations=1,
-            objective="none",
-            timing={"build_s": 0.0, "solve_s": perf_counter() - began},
-        )
+            progress(record)
+        outcome = Outcome.CONVERGED if reached else Outcome.STAGNATED
+        message = f"E = {error:.3g} by {count} stretches of {self.given.inputs} in chained form."
+        if not reached:
+            message += (
+                " Its inputs are too wild to be followed; give nearer poses, `via`, or take another solver."
+            )
+        timing = {"build_s": 0.0, "solve_s": perf_counter() - began}
+        more = {"iterations": [record], "evaluations": 1, "objective": "none", "timing": timing}
+        return claimed(problem, self, control, outcome, message, error, **more)
 
     def _steered(
         self, problem: PlanningProblem, start: Array, goal: Array, halvings: int = CHARTS
@@ -165,6 +154,20 @@ def _next_pose(problem: PlanningProblem, values: Mapping[str, Any], before: Arra
         words = f"sinusoids steers to states, and {others[0]} is an output; name the state in its place"
         raise InvalidProblemError(words, path="goal")
     return space.pack({**space.unpack(before), **values})
+
+
+def _missed(problem: PlanningProblem, control: Control) -> float:
+    """E of every pose, by fixed steps that are halved until they agree."""
+    import numpy as np
+
+    from nhpocp.flow.step_error import enough_steps, settled_path
+
+    times, path = settled_path(problem, control, enough_steps(STEPS, control.basis))
+    missed = []
+    for task in problem.tasks:
+        point = path[int(np.abs(times - task.share * control.horizon).argmin())]
+        missed.append(np.asarray(task.weights * task.difference(point)))
+    return float(np.linalg.norm(np.concatenate(missed)))
 
 
 def _by_sinusoids(form: ChainedForm, start: Array, goal: Array) -> list[Stretch]:

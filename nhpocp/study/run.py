@@ -18,7 +18,6 @@ from nhpocp.batch import FEW, Plan, plan_many
 from nhpocp.comparison import FAILURES
 from nhpocp.controls.control import Control
 from nhpocp.errors import InvalidProblemError, one_line
-from nhpocp.flow.simulation import simulate
 from nhpocp.objectives.registry import costs_of_motion
 from nhpocp.outcome import Outcome
 from nhpocp.problem import PlanningProblem
@@ -28,6 +27,7 @@ from nhpocp.problem_file.states import State, plain_state
 from nhpocp.problem_file.variants import overrides as settings_of
 from nhpocp.solution import Solution, Solver
 from nhpocp.solution_folder import to_json
+from nhpocp.solvers.claimed import claimed
 from nhpocp.study.store import COLUMNS, Row
 from nhpocp.study.study import Study, changed_goal, read_problem, read_study_text
 from nhpocp.systems.margins import margin
@@ -143,7 +143,7 @@ def _solved(
         else:
             each = (perf_counter() - began) / len(planned)
             for (run, problem, _), plan in zip(planned, plans, strict=True):
-                yield run, _attempted(lambda p=problem, c=plan: judged(claimed(p, solver, c))), each
+                yield run, _attempted(lambda p=problem, c=plan: judged(_claimed(p, solver, c))), each
     if not together:
         before = control_from_json(json.loads(job.start)) if job.start else None
         for run, problem, solver in planned:
@@ -170,23 +170,9 @@ def _beginning(problem: PlanningProblem, before: Control | None) -> PlanningProb
     return problem.with_(initial=np.asarray(before.coefficients))
 
 
-def claimed(problem: PlanningProblem, solver: Solver, plan: Plan) -> Solution:
-    """The solution that a plan claims, unverified, with the motion that its control makes."""
-    motion, settings = simulate(problem, plan.control), solver.settings()
-    return Solution(
-        problem=problem,
-        solver=solver.name,
-        settings=settings,
-        objective=settings.get("objective", problem.objective),
-        tolerance=solver.tolerance,
-        outcome=plan.outcome,
-        message=plan.message,
-        final_error=plan.error,
-        control=plan.control,
-        trajectory=motion.trajectory,
-        costs=motion.costs,
-        evaluations=plan.evaluations,
-    )
+def _claimed(problem: PlanningProblem, solver: Solver, plan: Plan) -> Solution:
+    more = {"evaluations": plan.evaluations}
+    return claimed(problem, solver, plan.control, plan.outcome, plan.message, plan.error, **more)
 
 
 def judged(solution: Solution) -> Solution:
@@ -263,5 +249,5 @@ def restored(row: Row, facts: dict[str, Any]) -> Solution:
     final = float("nan") if row["final_error"] is None else row["final_error"]
     control = control_from_json(json.loads(row["solved_control"]))
     plan = Plan(Outcome(row["outcome"]), row["message"], final, control, row["evaluations"])
-    solution = claimed(problem, solver, plan)
+    solution = _claimed(problem, solver, plan)
     return judged(replace(solution, timing={"build_s": 0.0, "solve_s": row["solve_s"]}))

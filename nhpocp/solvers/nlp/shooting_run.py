@@ -20,12 +20,12 @@ from nhpocp.objectives.registry import OBJECTIVES
 from nhpocp.outcome import Outcome
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Progress, Solution
+from nhpocp.solvers.claimed import unsolved
 from nhpocp.solvers.nlp.ending import Ending, excess
 from nhpocp.solvers.nlp.guesses import GuessMaker, NoGuessError, make_guess, meets
 from nhpocp.solvers.nlp.kkt_residuals import kkt_residuals
 from nhpocp.solvers.nlp.optimizer import Look, Optimizer, Optimum, failed
 from nhpocp.solvers.nlp.transcription import Guess, Transcription
-from nhpocp.solvers.unsolved import unsolved
 from nhpocp.systems.numeric import numeric_system
 from nhpocp.task import total_error
 
