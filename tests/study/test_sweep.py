@@ -316,18 +316,18 @@ def test_progress_on_a_terminal_where_ctrl_c_leaves_a_whole_store(tmp_path):
 
 
 def test_a_combination_that_is_no_problem_is_a_row_that_says_so(tmp_path):
-    text = UNICYCLE.replace("    goal.x", "    horizon: [1, {min: 3, initial: 4}]\n    goal.x").replace(
-        "[0.5, 2, 4]", "[1, 2, 2]"
-    )
-    text = text.replace(
-        "    goal.theta: [0, 30 deg, -pi/4]\n", "    control: [{harmonics: 2}, {basis: bspline}]\n"
-    )
-    study = read_study_text(text)
+    """Each level is fine beside the others' first; min 2 with initial 1 is not."""
+    head = UNICYCLE.partition("    goal.x")[0]
+    head = head.replace("    solvers:", "    horizon: {min: 0.5, max: 5, initial: 3}\n    solvers:")
+    study = read_study_text(head + "    horizon.min: [0.5, 2]\n    horizon.initial: [3, 1]\n")
     with Store.create(tmp_path / "study.sqlite", study, resume=False) as store:
-        sweep(study, store, 1, make=here)
-        stored = list(store.rows())
-    assert len(stored) == len(study) == 8
-    assert all(row["outcome"] for row in stored)
+        tally = sweep(study, store, 1, make=here)
+        rows = [(json.loads(row["parameters"]), row) for row in store.rows()]
+    assert (tally.stored, tally.failed, len(rows)) == (4, 1, 4)
+    for levels, row in rows:
+        possible = levels["horizon.min"] <= levels["horizon.initial"]
+        assert (row["outcome"] == "converged") is possible, row["message"]
+        assert possible or "outside min and max" in row["message"]
 
 
 @pytest.mark.parametrize("order", ["given", "nearest"])
