@@ -14,6 +14,7 @@ from nhpocp.cli.exit_status import NOT_SOLVED, SOLVED
 from nhpocp.cli.options import json_option
 from nhpocp.cli.terminal import console, put, say, tell
 from nhpocp.errors import InvalidProblemError
+from nhpocp.interruption import Interruption
 
 if TYPE_CHECKING:
     from nhpocp.study.sweep import Tally
@@ -46,7 +47,8 @@ def sweep(file: Path, workers: int | None, resume: bool, output: Path | None, as
 
     study = read_study(file)
     folder = output or Path("results") / folder_name(study.name)
-    with Store.create(folder / STORE, study, resume) as store:
+    # before and after the runs there is nothing to stop: all that has ended is stored
+    with Interruption(patient=True), Store.create(folder / STORE, study, resume) as store:
         with _live(as_json, study.name) as show:
             tally = run_all(study, store, workers or os.cpu_count() or 1, show)
         outcomes, first = store.outcomes(), store.failed()

@@ -79,7 +79,7 @@ def sweep(
     outcomes = store.outcomes()
     tally = Tally(len(study), sum(outcomes.values()), outcomes.get("converged", 0))
     course = _Course(study, store, store.begin(workers, environment()), tally, progress)
-    with Interruption() as interruption, _one_thread():
+    with Interruption(patient=False) as interruption, _one_thread():
         try:
             while course.left():
                 interruption.check()

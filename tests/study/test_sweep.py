@@ -306,13 +306,32 @@ def test_a_second_sweep_on_one_store_is_refused(tmp_path):
 def test_progress_on_a_terminal_where_ctrl_c_leaves_a_whole_store(tmp_path):
     (tmp_path / "corners.yaml").write_text(LONG)
     arguments = ["sweep", "corners.yaml", "-o", ".", "--workers", 1]
-    status, screen = in_a_terminal(arguments, tmp_path, columns=120, press="4 of 24", PYTHONPATH=str(ROOT))
+    status, screen = in_a_terminal(arguments, tmp_path, columns=120, press=", 0 failed", PYTHONPATH=str(ROOT))
     assert status == 1
-    assert re.search(r"4 of 24, 4 solved, 0 failed, \S+ a second", screen)
+    assert re.search(r"\b(\d+) of 24, \1 solved, 0 failed, \S+ a second", screen)
     stored = len(rows(tmp_path / "study.sqlite"))
     assert f"{stored} of 24 runs: {stored} solved and verified" in screen
     assert f"stopped by hand; {stored} of 24 runs are stored, --resume runs the others" in screen
     assert "Traceback" not in screen
+
+
+def test_ctrl_c_after_the_last_run_says_nothing_wrong(tmp_path, monkeypatch, capsys):
+    from nhpocp.study import sweep as course
+
+    def ended(study, store, *_):
+        tally = sweep(study, store, 1, make=here)
+        signal.raise_signal(signal.SIGINT)
+        return tally
+
+    monkeypatch.setattr(course, "sweep", ended)
+    monkeypatch.chdir(tmp_path)
+    Path("few.yaml").write_text(
+        UNICYCLE.replace("[0.5, 2, 4]", "[1, 2, 2]").replace("[0, 30 deg, -pi/4]", "[0]")
+    )
+    assert entry.status(["sweep", "few.yaml", "-o", "."]) == 0
+    said = capsys.readouterr()
+    assert "2 of 2 runs: 2 solved and verified" in said.out
+    assert "by hand" not in said.err
 
 
 def test_a_combination_that_is_no_problem_is_a_row_that_says_so(tmp_path):
