@@ -61,15 +61,12 @@ class SequenceBasis(ControlBasis):
 
     def local_table(self, times: Array, horizon: float, side: Side = "right") -> Table:
         times, place, knots = self._placed(times, horizon, side)
-        parts = [
-            (mine, first, basis.local_table(times[mine] - knots[i], knots[i + 1] - knots[i], side))
-            for i, (basis, first) in enumerate(zip(self.bases, self._firsts, strict=True))
-            if (mine := place == i).any()
-        ]
         width = self._width
         values, columns = np.zeros((len(times), width)), np.zeros(len(times), dtype=int)
-        for mine, first, table in parts:
-            own = first + (0 if table.first is None else table.first)
+        for i in np.unique(place):
+            mine = place == i
+            table = self.bases[i].local_table(times[mine] - knots[i], knots[i + 1] - knots[i], side)
+            own = self._firsts[i] + (0 if table.first is None else table.first)
             columns[mine] = np.minimum(own, self.size - width)
             shifted = (own - columns[mine])[:, None] + np.arange(table.values.shape[1])
             values[np.flatnonzero(mine)[:, None], shifted] = table.values

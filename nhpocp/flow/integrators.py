@@ -84,6 +84,13 @@ def uniform_grid(steps: int, breakpoints: Array, horizon: float) -> Array:
     return np.sort(np.concatenate([kept, grid[~beside(grid, kept, horizon)]]))
 
 
+def even_pieces(steps: int, breakpoints: Array, horizon: float) -> Array:
+    """``steps`` equal steps from each breakpoint to the next, for controls that are as smooth in every piece."""
+    knots = np.concatenate([[0.0], np.asarray(breakpoints, dtype=float), [horizon]])
+    inner = knots[:-1, None] + np.diff(knots)[:, None] * np.arange(steps) / steps
+    return np.append(inner.ravel(), horizon)
+
+
 def beside(times: Array, others: Array, horizon: float) -> Array:
     """Which times are one of the others, which rise, up to rounding."""
     if not len(others):

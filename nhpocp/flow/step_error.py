@@ -7,6 +7,7 @@ is (`StepError`).
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from math import ceil
 
@@ -48,13 +49,23 @@ def finer(integrator: Integrator) -> Integrator:
     return replace(integrator, steps=steps) if isinstance(integrator, RungeKutta4) else RungeKutta4(steps)
 
 
-def settled_path(problem: PlanningProblem, control: Control, steps: int) -> tuple[Array, Array]:
-    """Times and states by RK4, the steps doubled until that no longer moves the end."""
+def settled_path(
+    problem: PlanningProblem,
+    control: Control,
+    steps: int,
+    start: Array | None = None,
+    grid: Callable[[int, Array, float], Array] = uniform_grid,
+) -> tuple[Array, Array]:
+    """Times and states by RK4 from the start, or another point, the steps doubled until that no longer moves the end.
+
+    grid: (steps, breakpoints, horizon) ↦ times.
+    """
+    start = problem.start_point if start is None else start
     rate, last = Dynamics(numeric_system(problem.system).rate_function), np.inf
     for doubling in range(DOUBLINGS + 1):
-        times = uniform_grid(steps * 2**doubling, control.breakpoints, control.horizon)
+        times = grid(steps * 2**doubling, control.breakpoints, control.horizon)
         flow = RungeKutta4().flow(rate, control.basis, control.horizon, times)
-        path = flow.states(problem.start_point, control.coefficients)
+        path = flow.states(start, control.coefficients)
         end = path[-1] / problem.scales.points
         if not np.isfinite(path).all() or np.abs(end - last).max() < CLOSE * (1.0 + np.abs(end).max()):
             break

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,15 +15,11 @@ from nhpocp.controls.fourier import Fourier
 from nhpocp.errors import InvalidProblemError
 from nhpocp.horizon import Horizon
 from nhpocp.problem import PlanningProblem
-from nhpocp.problem_file import load_problem
-from nhpocp.solution_folder import plain
 from nhpocp.solution_folder.target import ANALYSIS_PICTURES
 from nhpocp.solvers.nlp import guesses
 from nhpocp.views import analysis_figures
 from tests.analysis.test_growth import Leaves, Martinet
 from tests.conftest import Integrators, Runaway, paper_problem
-
-LIBRARY = sorted((Path(__file__).parents[2] / "problems").glob("*.yaml"))
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -43,34 +38,6 @@ def paper():
 @pytest.fixture(scope="module")
 def conjecture():
     return analyze(paper_problem("paper_conjecture"))
-
-
-# those that are not simply controllable: with drift, bounded to one direction, folded or at rest where brackets fail
-VERDICTS = {
-    **dict.fromkeys(
-        ["bryson_denham", "double_integrator", "rigid_body", "satellite_slew"], "strongly accessible"
-    ),
-    **dict.fromkeys(["dubins", "three_trailers", "truck_docking", "truck_with_trailers"], "undecided"),
-    "equal_spheres": "not controllable",
-}
-RANKS = {
-    "cartan_line": 4,
-    "equal_spheres": 2,
-}  # of the guess's end point, where not full: on abnormal extremals
-
-
-@pytest.mark.parametrize("file", LIBRARY, ids=lambda file: file.stem)
-def test_what_is_known_of_every_problem_of_the_library(file):
-    found = analyze(load_problem(file))
-    kind = VERDICTS.get(file.stem, "controllable")
-    assert found.controllability.kind == kind
-    assert kind in ("undecided", "not controllable") or found.controllability.failing == ()
-    assert found.end_point.spectrum.rank == RANKS.get(file.stem, found.problem.system.state_space.dimension)
-    data = json.loads(json.dumps(plain(found.to_json()), allow_nan=False))
-    assert set(data["points"]) == ({"start", "goal"} if found.problem.goal_is_a_pose else {"start"})
-    if kind == "controllable":
-        assert data["generic"]["growth_vector"] == list(found.points["start"].growth.vector)
-    assert len(data["path"]["t"]) == len(data["path"]["growth_vectors"]) >= 51
 
 
 def test_the_papers_robot(paper):

