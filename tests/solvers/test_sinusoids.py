@@ -68,7 +68,7 @@ name: parking
 system: {model: unicycle}
 start: {x: 0, y: 0, theta: 0}
 goal: {x: 0, y: 1, theta: 0}
-via: [{at: 0.4, x: 1, y: 1, theta: 40 deg}]
+via: [{at: 0.5, x: 1, y: 0.5, theta: 20 deg}]
 solvers: {sinusoids: {inputs: sinusoids}}
 output: {pictures: false}
 """
