@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator
+from concurrent.futures import Executor
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -27,6 +28,11 @@ STORE = "study.sqlite"
 @click.option(
     "--workers", type=click.IntRange(1, 1024), help="Processes, one thread each; default: one a core."
 )
+@click.option(
+    "--dask",
+    metavar="ADDRESS|local",
+    help="Dask's workers instead: of the scheduler there, or as many as --workers here.",
+)
 @click.option("--resume", is_flag=True, help="Run what the store does not have yet.")
 @click.option(
     "-o",
@@ -35,7 +41,9 @@ STORE = "study.sqlite"
     help=f"The folder of the store, {STORE}; default: results/NAME.",
 )
 @json_option
-def sweep(file: Path, workers: int | None, resume: bool, output: Path | None, as_json: bool) -> int:
+def sweep(
+    file: Path, workers: int | None, dask: str | None, resume: bool, output: Path | None, as_json: bool
+) -> int:
     """Run a study: many problems, one row each in an SQLite file.
 
     Rows are stored as runs finish. After Ctrl-C, or whatever else stops it, --resume goes on.
@@ -46,11 +54,16 @@ def sweep(file: Path, workers: int | None, resume: bool, output: Path | None, as
     from nhpocp.study.sweep import sweep as run_all
 
     study = read_study(file)
+    many = workers or os.cpu_count() or 1
     folder = output or Path("results") / folder_name(study.name)
     # before and after the runs there is nothing to stop: all that has ended is stored
-    with Interruption(patient=True), Store.create(folder / STORE, study, resume) as store:
+    with (
+        Interruption(patient=True),
+        _dask(dask, workers) as make,
+        Store.create(folder / STORE, study, resume) as store,
+    ):
         with _live(as_json, study.name) as show:
-            tally = run_all(study, store, workers or os.cpu_count() or 1, show)
+            tally = run_all(study, store, many, show, make)
         outcomes, first = store.outcomes(), store.failed()
     if as_json:
         put(
@@ -68,6 +81,21 @@ def sweep(file: Path, workers: int | None, resume: bool, output: Path | None, as
     if tally.stopped:
         say(f"stopped by hand; {tally.stored} of {tally.runs} runs are stored, --resume runs the others")
     return SOLVED if tally.converged == tally.runs else NOT_SOLVED
+
+
+@contextmanager
+def _dask(address: str | None, workers: int | None) -> Iterator[Callable[[], Executor] | None]:
+    """Dask's workers; None without an address."""
+    if address is None:
+        yield None
+        return
+    from nhpocp.study.cluster import LOCAL, DaskExecutor
+
+    if workers and address != LOCAL:
+        words = f"the workers of a scheduler are its own; expected --workers with {LOCAL} alone"
+        raise InvalidProblemError(words, path="--workers")
+    with DaskExecutor(address, workers or os.cpu_count()) as executor:
+        yield lambda: executor
 
 
 def _summary(tally: Tally, outcomes: dict[str, int], store: Path, first: int | None) -> None:

@@ -83,6 +83,22 @@ def own_executor(make: Callable[[], Executor]) -> Iterator[Executor]:
             process.kill()
 
 
+@contextmanager
+def deaf_to_ctrl_c() -> Iterator[None]:
+    """Processes and threads begun within it never hear Ctrl-C, not even before they can ignore it.
+
+    Here it arrives afterwards.
+    """
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 def packed(what: Any) -> bytes:
     """As bytes for other processes. Errors: `NotSentError`."""
     try:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import signal
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
@@ -17,7 +16,8 @@ from typing import Any
 
 from nhpocp.interruption import Interruption
 from nhpocp.provenance import environment
-from nhpocp.solvers.workers import OFTEN, awaited, own_executor, permit, processes, submitted
+from nhpocp.solvers.workers import OFTEN, awaited, deaf_to_ctrl_c, own_executor, permit, processes, submitted
+from nhpocp.study.cluster import WorkerDiedError
 from nhpocp.study.order import Piece, one_by_one, pieces
 from nhpocp.study.run import Job, Source, failed_row, performed
 from nhpocp.study.store import Row, Store
@@ -71,20 +71,23 @@ def sweep(
 ) -> Tally:
     """Performs the runs that a store does not have yet, and stores each once.
 
-    workers: processes, of one thread each. progress: is told of every change. make: another executor for them. Ctrl-C
-    ends it; what was stored stays, and the tally says ``stopped``. A run whose process dies is begun once more, alone;
-    if it dies again its row says so. Errors: `InvalidProblemError` where the store cannot be written to.
+    workers: processes, of one thread each. progress: is told of every change. make: another executor for them, which
+    may say how many ``workers`` it has. Ctrl-C ends it; what was stored stays, and the tally says ``stopped``. A run
+    whose process dies is begun once more, alone; if it dies again its row says so. Errors: `InvalidProblemError` where
+    the store cannot be written to, and whatever ends the executor as a whole.
     """
     make = make or partial(processes, workers, "spawn")
     outcomes = store.outcomes()
     tally = Tally(len(study), sum(outcomes.values()), outcomes.get("converged", 0))
-    course = _Course(study, store, store.begin(workers, environment()), tally, progress)
+    course = _Course(study, store, tally, progress)
     with Interruption(patient=False) as interruption, _one_thread():
         try:
             while course.left():
                 interruption.check()
                 with permit() as given, own_executor(make) as executor:
-                    course.run(partial(submitted, executor, given), workers, interruption)
+                    many = partial(getattr, executor, "workers", workers)
+                    course.begin(many())
+                    course.run(partial(submitted, executor, given), many, interruption)
         except KeyboardInterrupt:
             tally.stopped = True
     return tally
@@ -105,19 +108,6 @@ def _one_thread() -> Iterator[None]:
                 os.environ[name] = value
 
 
-@contextmanager
-def _deaf_to_ctrl_c() -> Iterator[None]:
-    """Processes begun within it never hear Ctrl-C, not even before they can ignore it; here it arrives afterwards."""
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
 class _Course:
     """What is still to be done, and what is being done.
 
@@ -125,18 +115,18 @@ class _Course:
     which of them it was if one dies again.
     """
 
-    def __init__(self, study: Study, store: Store, session: int, tally: Tally, progress: Listener) -> None:
-        self.study, self.store, self.session, self.tally, self.progress = (
-            study,
-            store,
-            session,
-            tally,
-            progress,
-        )
+    def __init__(self, study: Study, store: Store, tally: Tally, progress: Listener) -> None:
+        self.study, self.store, self.tally, self.progress = study, store, tally, progress
+        self.session: int | None = None
         self.source, self.chained = Source.of(study), study.order == "nearest"
         self.suspects: deque[Piece] = deque()
         self.waiting: deque[Piece] = deque()
         self.pieces = pieces(study, store.done())
+
+    def begin(self, workers: int) -> None:
+        """Notes in the store, once, by whom the runs are performed."""
+        if self.session is None:
+            self.session = self.store.begin(workers, environment())
 
     def left(self) -> bool:
         """Whether anything is left to begin."""
@@ -144,18 +134,22 @@ class _Course:
             self.waiting.extend(islice(self.pieces, 1))
         return bool(self.waiting or self.suspects)
 
-    def run(self, submit: Submit, workers: int, stop: Interruption) -> None:
-        """Works until nothing is left, or a process has died: then the executor is of no more use."""
+    def run(self, submit: Submit, workers: Callable[[], int], stop: Interruption) -> None:
+        """Works until nothing is left, or a process of a pool has died: then the executor is of no more use."""
         under_way: dict[Future[list[Row]], Piece] = {}
         try:
-            while self.suspects:
-                self._again(submit, stop)
             while self.left() or under_way:
-                while len(under_way) < workers + AHEAD and self.left():
+                if self.suspects and not under_way:
+                    self._again(submit, stop)
+                    continue
+                while not self.suspects and len(under_way) < workers() + AHEAD and self.left():
                     job = self._begun(submit, self.waiting[0])
                     under_way[job] = self.waiting.popleft()
                 for job in wait(under_way, OFTEN, FIRST_COMPLETED).done:
-                    self._keep(job.result())
+                    try:
+                        self._keep(job.result())
+                    except WorkerDiedError:  # it is known whose work it was
+                        self.suspects.extend(one_by_one(under_way[job], self.chained))
                     del under_way[job]
                 stop.check()
         except BrokenProcessPool:
@@ -168,13 +162,14 @@ class _Course:
         self.suspects.popleft()
         try:
             self._keep(awaited(job, stop))
-        except BrokenProcessPool:
+        except (BrokenProcessPool, WorkerDiedError) as error:
             self._keep([failed_row(self.study, piece.runs[0], DIED, tries=2)])
-            raise
+            if isinstance(error, BrokenProcessPool):
+                raise
 
     def _begun(self, submit: Submit, piece: Piece, tries: int = 1) -> Future[list[Row]]:
         start = self.store.control(piece.before) if piece.before else None
-        with _deaf_to_ctrl_c():
+        with deaf_to_ctrl_c():
             return submit(performed, self.source, Job(piece.runs, self.chained, start, tries))
 
     def _keep(self, rows: list[Row]) -> None:

@@ -13,6 +13,7 @@ import subprocess
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
@@ -23,11 +24,13 @@ from click.testing import CliRunner
 import nhpocp
 from nhpocp.cli import entry
 from nhpocp.errors import InvalidProblemError
+from nhpocp.study.cluster import LOCAL, DaskExecutor
 from nhpocp.study.order import one_by_one, pieces
 from nhpocp.study.store import Store
 from nhpocp.study.study import read_study_text
 from nhpocp.study.sweep import sweep
 from tests.cli.test_terminal import in_a_terminal
+from tests.study import deadly
 
 ROOT = Path(__file__).parents[2]
 PROGRAM = [sys.executable, "-m", "nhpocp"]
@@ -232,16 +235,6 @@ def here():
 LONG = UNICYCLE.replace("[0, 30 deg, -pi/4]", "[0]") + "    horizon: {linspace: [1, 2, 6]}\n"
 
 
-@pytest.fixture(scope="session")
-def undisturbed(tmp_path_factory):
-    """The rows of the long study, whose sweep nothing came between, in this process's own children."""
-    study = read_study_text(LONG, "corners.yaml")
-    file = tmp_path_factory.mktemp("long") / "study.sqlite"
-    with Store.create(file, study, resume=False) as store:
-        assert sweep(study, store, 1, make=here).converged == len(study) == 24
-    return rows(file)
-
-
 def test_what_was_stopped_and_killed_goes_on_to_the_same_rows(tmp_path, undisturbed):
     (tmp_path / "corners.yaml").write_text(LONG)
     store, before = tmp_path / "out" / "study.sqlite", 0
@@ -267,7 +260,8 @@ def test_what_was_stopped_and_killed_goes_on_to_the_same_rows(tmp_path, undistur
     assert sessions == [1] * before + [2] * (stored - before) + [3] * (24 - stored)
 
 
-def test_a_worker_that_dies_costs_one_retry_and_one_that_dies_again_a_row(tmp_path, monkeypatch):
+@pytest.mark.parametrize("cluster", [False, True], ids=["processes", "dask"])
+def test_a_worker_that_dies_costs_one_retry_and_one_that_dies_again_a_row(tmp_path, monkeypatch, cluster):
     """Its death comes from outside (`NHPOCP_TEST_DEATHS` of tests/study/deadly.py), as that by lack of memory does."""
     deaths = tmp_path / "deaths"
     deaths.write_text(json.dumps({"2.0": 2}))
@@ -277,11 +271,10 @@ def test_a_worker_that_dies_costs_one_retry_and_one_that_dies_again_a_row(tmp_pa
         .replace("[0, 30 deg, -pi/4]", "[0.5, 1.0, 2.0]")
     )
     monkeypatch.setenv("NHPOCP_TEST_DEATHS", str(deaths))
-    monkeypatch.setattr(
-        "nhpocp.study.sweep.performed", __import__("tests.study.deadly").study.deadly.performed
-    )
+    monkeypatch.setattr("nhpocp.study.sweep.performed", deadly.performed)
+    make = partial(DaskExecutor, LOCAL, 1) if cluster else None
     with Store.create(tmp_path / "study.sqlite", study, resume=False) as store:
-        tally = sweep(study, store, workers=1)
+        tally = sweep(study, store, workers=1, make=make)
         stored = list(store.rows())
     assert (tally.stored, tally.failed) == (12, 1)
     (dead,) = [row for row in stored if not row["converged"]]

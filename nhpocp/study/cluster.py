@@ -1,0 +1,98 @@
+"""Workers of Dask, on this machine or on a cluster, as an executor."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from concurrent.futures import Executor, Future
+from typing import Any
+
+from nhpocp.errors import InvalidProblemError, MissingDependencyError, one_line
+from nhpocp.solvers.workers import deaf_to_ctrl_c
+
+LOCAL = "local"
+PATIENCE = 30.0  # seconds to wait for a scheduler, and for the first worker
+OPTION = "--dask"
+
+
+class WorkerDiedError(Exception):
+    """The workers that were given a job died; the others go on."""
+
+
+_alone = threading.Lock()  # of a worker with several threads
+
+
+def _one_at_a_time(work: Callable[..., Any], *arguments: Any) -> Any:
+    """What is kept for a system is for one thread."""
+    with _alone:
+        return work(*arguments)
+
+
+class DaskExecutor(Executor):
+    """Hands work to the workers of a scheduler; what begins of it ends with `shutdown`, the workers stay.
+
+    address: of the scheduler, such as tcp://10.0.0.1:8786, or `LOCAL` for a cluster of so many ``processes`` on this
+    machine, which ends with it. Errors: `MissingDependencyError` without distributed, `InvalidProblemError` where no
+    scheduler answers or none of its workers comes.
+    """
+
+    def __init__(self, address: str, processes: int | None = None) -> None:
+        try:
+            import distributed
+        except ImportError:
+            words = 'Dask needs distributed; install it with: pip install "nhpocp[cluster]"'
+            raise MissingDependencyError(words) from None
+        self._cluster: Any = None
+        try:
+            with deaf_to_ctrl_c():  # and the threads and processes that it begins
+                self._cluster = _local_cluster(processes) if address == LOCAL else None
+                self._client = distributed.Client(
+                    self._cluster or address, timeout=PATIENCE, set_as_default=False
+                )
+            self._client.wait_for_workers(1, timeout=PATIENCE)
+        except (OSError, ValueError, TypeError) as error:  # TimeoutError is an OSError
+            self.shutdown()
+            words = f"no workers of Dask ({one_line(error)}); expected {LOCAL}, or the address of a scheduler"
+            raise InvalidProblemError(f"{words} with workers, as tcp://10.0.0.1:8786", path=OPTION) from None
+
+    @property
+    def workers(self) -> int:
+        """How many there are now."""
+        return max(1, len(self._client.scheduler_info(n_workers=-1)["workers"]))
+
+    def submit(self, work: Callable[..., Any], /, *arguments: Any, **named: Any) -> Future[Any]:
+        """Errors, of the future: `WorkerDiedError`; `ConnectionError` where the scheduler is lost."""
+        ours: Future[Any] = Future()
+        ours.set_running_or_notify_cancel()
+        theirs = self._client.submit(_one_at_a_time, work, *arguments, **named, pure=False)
+        theirs.add_done_callback(lambda done: _hand_over(done, ours))
+        return ours
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        for part in (getattr(self, "_client", None), self._cluster):
+            if part is not None:
+                part.close()
+
+
+def _local_cluster(processes: int | None) -> Any:
+    import dask
+    from distributed import LocalCluster
+
+    # whose job it was is known at the first death, and `sweep` tries once more
+    with dask.config.set({"distributed.scheduler.allowed-failures": 0}):
+        return LocalCluster(
+            n_workers=processes, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
+        )
+
+
+def _hand_over(theirs: Any, ours: Future[Any]) -> None:
+    """The end of a future of Dask's, in Dask's own thread."""
+    from distributed import KilledWorker
+
+    if theirs.status == "finished":
+        ours.set_result(theirs.result())
+        return
+    error = theirs.exception() if theirs.status == "error" else None
+    if isinstance(error, KilledWorker):
+        error = WorkerDiedError(one_line(error))
+    ours.set_exception(error or ConnectionError("the scheduler of Dask was lost"))
