@@ -21,6 +21,7 @@ from concurrent.futures import Executor, Future, ProcessPoolExecutor, wait
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cache, lru_cache
+from multiprocessing import resource_tracker
 from typing import Any, TypeVar
 
 from nhpocp.errors import InvalidProblemError
@@ -73,14 +74,15 @@ def own_executor(make: Callable[[], Executor]) -> Iterator[Executor]:
     try:
         yield executor
     finally:
-        # what Python 3.14 has `kill_workers` for; there are none where work is done by threads
-        started = list((getattr(executor, "_processes", None) or {}).values())
-        executor.shutdown(wait=False, cancel_futures=True)
-        until = time.monotonic() + GRACE
-        for process in started:
-            process.join(max(0.0, until - time.monotonic()))
-        for process in started:
-            process.kill()
+        with Interruption(patient=True):
+            # what Python 3.14 has `kill_workers` for; there are none where work is done by threads
+            started = list((getattr(executor, "_processes", None) or {}).values())
+            executor.shutdown(wait=False, cancel_futures=True)
+            until = time.monotonic() + GRACE
+            for process in started:
+                process.join(max(0.0, until - time.monotonic()))
+            for process in started:
+                process.kill()
 
 
 @contextmanager
@@ -92,6 +94,7 @@ def deaf_to_ctrl_c() -> Iterator[None]:
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
+    resource_tracker.ensure_running()  # which unblocks SIGINT in the thread that begins it
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield

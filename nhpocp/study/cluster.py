@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from concurrent import futures
 from concurrent.futures import Executor, Future
+from contextlib import suppress
 from typing import Any
 
 from nhpocp.errors import InvalidProblemError, MissingDependencyError, one_line
 from nhpocp.solvers.workers import deaf_to_ctrl_c
 
 LOCAL = "local"
+GRACE = 3.0  # seconds to wait for workers to end
 PATIENCE = 30.0  # seconds to wait for a scheduler, and for the first worker
 OPTION = "--dask"
 
@@ -25,7 +28,10 @@ _alone = threading.Lock()  # of a worker with several threads
 def _one_at_a_time(work: Callable[..., Any], *arguments: Any) -> Any:
     """What is kept for a system is for one thread."""
     with _alone:
-        return work(*arguments)
+        try:
+            return work(*arguments)
+        except KeyboardInterrupt:  # no longer wanted; it would end the worker
+            return None
 
 
 class DaskExecutor(Executor):
@@ -42,6 +48,8 @@ class DaskExecutor(Executor):
         except ImportError:
             words = 'Dask needs distributed; install it with: pip install "nhpocp[cluster]"'
             raise MissingDependencyError(words) from None
+        self._begun: set[Future[Any]] = set()
+        self._client: Any = None
         self._cluster: Any = None
         try:
             with deaf_to_ctrl_c():  # and the threads and processes that it begins
@@ -66,12 +74,16 @@ class DaskExecutor(Executor):
         ours.set_running_or_notify_cancel()
         theirs = self._client.submit(_one_at_a_time, work, *arguments, **named, pure=False)
         theirs.add_done_callback(lambda done: _hand_over(done, ours))
+        self._begun = {future for future in self._begun if not future.done()} | {ours}
         return ours
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        for part in (getattr(self, "_client", None), self._cluster):
+        futures.wait(self._begun, GRACE)  # a worker that is closed at its work is waited for in vain
+        for part in (self._client, self._cluster):
             if part is not None:
-                part.close()
+                with suppress(TimeoutError):
+                    part.close(timeout=GRACE)
+        self._client = self._cluster = None
 
 
 def _local_cluster(processes: int | None) -> Any:

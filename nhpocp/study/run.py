@@ -18,6 +18,7 @@ from nhpocp.batch import FEW, Plan, plan_many
 from nhpocp.comparison import FAILURES
 from nhpocp.controls.control import Control
 from nhpocp.errors import InvalidProblemError, one_line
+from nhpocp.interruption import Interruption
 from nhpocp.objectives.registry import costs_of_motion
 from nhpocp.outcome import Outcome
 from nhpocp.problem import PlanningProblem
@@ -90,7 +91,10 @@ def _setting(source: Source, others: str, solver: str) -> _Setting:
 
 
 def performed(source: Source, job: Job) -> list[Row]:
-    """The rows of a job's runs; without those that were stopped before their end."""
+    """The rows of a job's runs; without those that were stopped before their end.
+
+    Errors: `KeyboardInterrupt` where they are no longer wanted.
+    """
     study = _study(source)
     rows, planned = [], []
     for run in job.runs:
@@ -99,6 +103,7 @@ def performed(source: Source, job: Job) -> list[Row]:
         except InvalidProblemError as error:
             rows.append(failed_row(study, run, f"{error.path}: {error.message}", job.tries))
     for run, solution, seconds in _solved(planned, job):
+        Interruption().check()
         if isinstance(solution, Exception):
             said = getattr(solution, "message", None) or one_line(solution)
             rows.append(failed_row(study, run, said, job.tries))

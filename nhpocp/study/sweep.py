@@ -84,7 +84,7 @@ def sweep(
         try:
             while course.left():
                 interruption.check()
-                with permit() as given, own_executor(make) as executor:
+                with own_executor(make) as executor, permit() as given:
                     many = partial(getattr, executor, "workers", workers)
                     course.begin(many())
                     course.run(partial(submitted, executor, given), many, interruption)
