@@ -12,9 +12,7 @@ import numpy as np
 
 from nhpocp.study.study import Study
 
-TOGETHER = (
-    16  # runs of a job: few, since its rows are stored together; a plan costs less than its verification
-)
+TOGETHER = 32  # runs of a job: they are planned and verified in company, and stored together
 
 
 @dataclass(frozen=True)

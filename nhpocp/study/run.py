@@ -32,7 +32,7 @@ from nhpocp.solvers.claimed import claimed
 from nhpocp.study.store import COLUMNS, Row
 from nhpocp.study.study import Study, changed_goal, read_problem, read_study_text
 from nhpocp.systems.margins import margin
-from nhpocp.verification import verify
+from nhpocp.verification import verify, verify_many
 
 JSON = ("parameters", "margins", "limits", "warnings", "settings", "solved_control")
 
@@ -139,16 +139,19 @@ def _solved(
     """A verified solution for each run, or what came in between; and the seconds that it took to plan."""
     together = len(planned) >= FEW and not job.chained and planned[0][2].name == "jacobian"
     if together:
-        began = perf_counter()
-        first, solver = planned[0][1:]
+        first, solver, began = *planned[0][1:], perf_counter()
         try:
             plans = list(plan_many(first, [problem.goal for _, problem, _ in planned], solver))
+            each, began = (perf_counter() - began) / len(planned), perf_counter()
+            pairs = zip(planned, plans, strict=True)
+            claims = [_claimed(problem, solver, plan) for (_, problem, _), plan in pairs]
+            verdicts = verify_many(claims)
         except FAILURES:
             together = False  # each by itself, to find out whose it was
         else:
-            each = (perf_counter() - began) / len(planned)
-            for (run, problem, _), plan in zip(planned, plans, strict=True):
-                yield run, _attempted(lambda p=problem, c=plan: judged(_claimed(p, solver, c))), each
+            seconds = (perf_counter() - began) / len(planned)
+            for (run, *_), claim, verdict in zip(planned, claims, verdicts, strict=True):
+                yield run, claim.judged(verdict, seconds), each
     if not together:
         before = control_from_json(json.loads(job.start)) if job.start else None
         for run, problem, solver in planned:

@@ -1,5 +1,5 @@
 """The second opinion: re-integrates a Solution with SciPy and returns a Verdict. Imports neither flow nor solvers."""
 
-from nhpocp.verification.checks import verify
+from nhpocp.verification.verdicts import verify, verify_many
 
-__all__ = ["verify"]
+__all__ = ["verify", "verify_many"]

@@ -1,4 +1,4 @@
-"""The verdict on a Solution: its control replayed, its trajectory compared, its legs and bounds looked at."""
+"""The checks of a verdict: a replayed path against what a Solution claims, its legs and bounds looked at."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
-import casadi as ca
 import numpy as np
 
 from nhpocp.arrays import Array
@@ -16,15 +15,12 @@ from nhpocp.solution import Crossing, Replay, Solution, Verdict
 from nhpocp.state_space import Block
 from nhpocp.systems.margins import sigma
 from nhpocp.systems.numeric import NumericSystem
+from nhpocp.systems.system import System
 from nhpocp.verification import geometry
 from nhpocp.verification.crossings import find_crossings
 from nhpocp.verification.replay import (
     METHOD,
-    FastFunction,
     Path,
-    Watch,
-    integrate,
-    replay,
     sample,
     weighted_difference,
 )
@@ -41,43 +37,13 @@ SAME_TIME = 1e-6
 PATH_TOLERANCE = 1e-5  # fraction of the mechanism's length by which a stored trajectory may be off
 
 
-def verify(solution: Solution) -> Verdict:
-    """What an independent check finds; never raises for a solution that is wrong.
-
-    ``ok`` only where the replayed end (and every via pose) is within 1.01 × the solution's tolerance, rolling and
-    leg_rate are ≤ 1e-6, no determinant that the equations divide by is zero on the way, the stored trajectory is the
-    replayed one, the control lasts as long as the problem says, and every bound holds on a fine grid.
-    """
-    # a path that blows up has overflowing outputs; they are reported, not warned of
-    with np.errstate(all="ignore"):
-        check = _Check(solution)
-        check.horizon()
-        error = check.end_error()
-        rolling, leg_rate = check.legs()
-        original = check.original()
-        return Verdict(
-            error=error,
-            method=check.method,
-            reached=float(check.path.reached),
-            original=original,
-            rolling=rolling,
-            leg_rate=leg_rate,
-            orthogonality=check.orthogonality(),
-            trajectory_deviation=check.trajectory_deviation(),
-            crossings=check.judged_crossings(),
-            bounds=check.bounds(),
-            # last, since the checks above fill them
-            reasons=tuple(check.reasons),
-            warnings=tuple(check.warnings),
-            ok=not check.reasons,
-        )
-
-
 @dataclass
-class _Check:
+class Check:
     """One verification under way: each method is one check, and notes what it finds in reasons and warnings."""
 
     solution: Solution
+    numeric: NumericSystem
+    path: Path
     reasons: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
 
@@ -85,10 +51,31 @@ class _Check:
         self.problem, self.control = self.solution.problem, self.solution.control
         self.system: Any = self.problem.system
         self.space = self.system.state_space
-        self.numeric = NumericSystem(self.system)  # afresh: what the solver keeps may be out of date
-        self.path = replay(self.numeric, self.control, self.problem.start_point, self.problem.scales.points)
         self.samples = sample(self.path, self.control, SAMPLES)
         self.allowed = SLACK * self.solution.tolerance
+
+    def verdict(self, original: Path | None) -> Verdict:
+        """All checks; original: the path of eq. (3), where there is one."""
+        self.horizon()
+        error = self.end_error()
+        rolling, leg_rate = self.legs()
+        replayed = self.original(original)
+        return Verdict(
+            error=error,
+            method=self.method,
+            reached=float(self.path.reached),
+            original=replayed,
+            rolling=rolling,
+            leg_rate=leg_rate,
+            orthogonality=self.orthogonality(),
+            trajectory_deviation=self.trajectory_deviation(),
+            crossings=self.judged_crossings(),
+            bounds=self.bounds(),
+            # last, since the checks above fill them
+            reasons=tuple(self.reasons),
+            warnings=tuple(self.warnings),
+            ok=not self.reasons,
+        )
 
     @property
     def method(self) -> str:
@@ -199,34 +186,25 @@ class _Check:
             )
         return rolling, leg_rate
 
-    def original(self) -> Replay | None:
+    def passes_over(self, other: System) -> bool:
+        """Whether the whole path can be followed by equations that divide by other determinants."""
+        return self.path.stopped is None and not self._touched(other)
+
+    def _touched(self, other: System) -> list[Crossing]:
+        """Zeros that an integrator's steps may pass over as if they were not there."""
+        return [c for c in self.crossings if c.touches and c.matrix in other.breaking()]
+
+    def original(self, path: Path | None) -> Replay | None:
         """Open-loop replay of eq. (3) under u(t) recovered by eq. (6) along the replay of eq. (7)."""
         actuated = self.system.actuated()
         if actuated is None or self.path.stopped:
             return None
-        other, feedback = actuated
-        touched = [c for c in self.crossings if c.touches and c.matrix in other.breaking()]
-        if touched:  # an integrator's steps may pass over such a zero as if it were not there
+        if path is None:
+            touched = self._touched(actuated[0])[0]
             self.warnings.append(
-                f"the original equations (3) divide by det {touched[0].letter}, which is zero at "
-                f"t={touched[0].time:.6g}"
+                f"the original equations (3) divide by det {touched.letter}, which is zero at t={touched.time:.6g}"
             )
-            return Replay(None, touched[0].time, False)
-        sizes = {"x": self.space.size, "y": self.space.size, "v": self.system.input_space.size}
-        x, driver, v = (ca.SX.sym(name, size) for name, size in sizes.items())
-        rate = FastFunction(
-            ca.Function("original", [x, driver, v], [ca.densify(other.rate(x, feedback(driver, v)))])
-        )
-        path = integrate(
-            lambda t, state, inputs: rate(state, self.path.at(t), inputs),
-            self.control,
-            self.problem.start_point,
-            Watch(other, self.problem.start_point, vanishing=1e-5),
-            self.problem.scales.points,
-        )
-        return self._judge_original(path)
-
-    def _judge_original(self, path: Path) -> Replay:
+            return Replay(None, touched.time, False)
         if path.stopped:
             self.warnings.append(
                 f"the original equations (3) under the recovered leg speeds can be followed only to {self._stop(path)}"

@@ -7,10 +7,10 @@ is one of the things that verification looks at.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from math import isqrt
-from typing import Any
+from typing import Any, Protocol
 
 import casadi as ca
 import numpy as np
@@ -37,6 +37,15 @@ MANY = 1000  # pieces, from which on preparing to step over many at once is wort
 SHORTEST_STEP = 1e-9  # fraction of a smooth piece; a path that needs such steps ends there
 
 Rate = Callable[[float, Array, Array], Array]  # (t, x, u(t)) ↦ ẋ
+
+
+class Looking(Protocol):
+    """What follows a path step by step, as `Watch` does."""
+
+    @property
+    def looks(self) -> bool: ...
+
+    def look(self, dense: Any, low: float, high: float) -> tuple[float, str | None]: ...
 
 
 class FastFunction:
@@ -84,6 +93,27 @@ class Path:
     def at(self, time: float) -> Array:
         """The state (n,) at one time, without the cost of arrays of times."""
         return self.start if self._steps is None else self._steps(np.asarray(time))
+
+    def parts(self, many: int) -> list[Path]:
+        """The paths of so many equal parts of the state, one after another."""
+        size = len(self.start) // many
+        return [
+            Path(self.start[cut], self.reached, self.stopped, self._steps and self._steps.of_columns(cut))
+            for cut in (slice(i * size, (i + 1) * size) for i in range(many))
+        ]
+
+    @staticmethod
+    def beside(paths: Sequence[Path]) -> Path | None:
+        """The path whose `parts` these are; None where they do not share their steps."""
+        steps = [path._steps for path in paths]
+        first = paths[0]
+        shared = all(
+            each is not None and steps[0] is not None and each.begins is steps[0].begins for each in steps
+        )
+        if not shared:
+            return None
+        start = np.concatenate([path.start for path in paths])
+        return Path(start, first.reached, first.stopped, Steps.beside(steps))  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True)
@@ -143,19 +173,21 @@ def integrate(
     rate: Rate,
     control: Control,
     start: Array,
-    watch: Watch | None = None,
+    watch: Looking | None = None,
     scales: Array | float = 1.0,
     function: ca.Function | None = None,
+    share: float = 1.0,
 ) -> Path:
     """ẋ = rate over the control's horizon; ends early where it cannot go on, or where ``watch`` meets a zero.
 
     ``scales``: the natural sizes of the state's numbers. No step or tolerance has a unit of its own. ``function``:
-    (x, u) ↦ rate, where that depends on nothing else; with it many short pieces take little time.
+    (x, u) ↦ rate, where that depends on nothing else; with it many short pieces take little time. share: of the
+    tolerances.
     """
-    atol, longest = ATOL * scales, FIRST_STEP * control.horizon
+    rtol, atol, longest = share * RTOL, share * ATOL * scales, FIRST_STEP * control.horizon
     budget = MOST_STEPS + STEPS_PER_FUNCTION * control.basis.size
-    run = _Integration(rate, np.asarray(start, dtype=float), atol, longest, budget, watch)
-    strides = Strides(function, RTOL, atol) if function and len(control.breakpoints) > MANY else None
+    run = _Integration(rate, np.asarray(start, dtype=float), rtol, atol, longest, budget, watch)
+    strides = Strides(function, rtol, atol) if function and len(control.breakpoints) > MANY else None
     with np.errstate(all="ignore"):  # a step that overflows is rejected and shortened
         for pieces in in_pieces(control):
             done = run.stride(strides, pieces) if strides else 0
@@ -173,10 +205,11 @@ class _Integration:
 
     rate: Rate
     state: Array
+    rtol: float
     atol: Array | float
     longest: float  # of a first step
     budget: int  # steps of a piece
-    watch: Watch | None
+    watch: Looking | None
     reached: float = 0.0
     stopped: str | None = None
     steps: list[Steps] = field(default_factory=list)
@@ -206,7 +239,7 @@ class _Integration:
             self.stopped = "the rate there is not finite"
             return
         step = min(last - first, self.longest)
-        solver = DOP853(piecewise, first, self.state, last, rtol=RTOL, atol=self.atol, first_step=step)
+        solver = DOP853(piecewise, first, self.state, last, rtol=self.rtol, atol=self.atol, first_step=step)
         taken = 0
         while solver.status == "running" and self.stopped is None:
             solver.step()
