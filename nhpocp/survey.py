@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from math import ceil, exp, floor, isfinite, log, log10, log2
+from math import ceil, exp, floor, isfinite, log, log2, log10
 from typing import Any
 
 import numpy as np
@@ -60,7 +60,11 @@ class Spread:
 
     def at(self, share: float) -> float | None:
         """A quantile, None where there is no run."""
-        return float(np.interp(share, np.linspace(0, 1, len(self.quantiles)), self.quantiles)) if self.count else None
+        return (
+            float(np.interp(share, np.linspace(0, 1, len(self.quantiles)), self.quantiles))
+            if self.count
+            else None
+        )
 
 
 @dataclass(frozen=True)
@@ -111,13 +115,18 @@ class Points:
 
 @dataclass(frozen=True)
 class Failures:
-    """Runs that failed alike: ``broken``: the bounds and determinants by which; run, message: of the first."""
+    """Runs that failed alike.
+
+    broken: the bounds and determinants by which. run: the first that can be had again from the store (``kept``), else
+    the first; message: its own. counts: by solver.
+    """
 
     outcome: str
     broken: tuple[str, ...]
     counts: Mapping[str, int]
     run: int
     message: str
+    kept: bool
 
     @property
     def count(self) -> int:
@@ -179,8 +188,7 @@ class Profiles:
 
 
 def shift_of(medians: Iterable[float | None]) -> float:
-    """A shift for geometric means, beside which values that nobody feels do not count: a tenth of the least median, as
-    a power of ten."""
+    """A shift for geometric means, beside which small values count little: the power of ten below the least median."""
     least = min((value for value in medians if value is not None and value > 0), default=1.0)
     return float(10.0 ** floor(log10(least)))
 
@@ -189,15 +197,18 @@ def shift_of(medians: Iterable[float | None]) -> float:
 class Survey:
     """What a study found.
 
-    problem: the one around which the axes vary. store: the file. runs: of the study, stored or not. solvers: labels of
-    its variants. tallies: of each solver how many runs are stored and solved. outcomes: the first is success, the
-    commonest failures follow. environments: of every session. seconds: by the clock, of all sessions; processor: of
-    solving and verifying, all runs together. batched: whether runs were planned together, and time is a share.
+    store: the file. text, problem_text: the study file and the problem file. problem: the one around which the axes
+    vary. runs: of the study, stored or not. solvers: labels of its variants. tallies: of each solver how many runs are
+    stored and solved. outcomes: the first is success, the commonest failures follow. spreads: by quantity and solver.
+    environments: of every session. seconds: by the clock, of all sessions; processor: of solving and verifying, all
+    runs together. batched: whether runs were planned together, and time is a share. unminimised: whether the Jacobian
+    method took the first control that reached the goal.
     """
 
     name: str
     store: str
     text: str
+    problem_text: str
     problem: PlanningProblem
     runs: int
     order: str
@@ -206,7 +217,7 @@ class Survey:
     tallies: Mapping[str, tuple[int, int]]
     outcomes: tuple[str, ...]
     quantities: tuple[Quantity, ...]
-    spreads: Mapping[str, Mapping[str, Spread]]  # by quantity and solver
+    spreads: Mapping[str, Mapping[str, Spread]]
     chart: Map | Points | None
     profiles: Mapping[str, Profiles]
     failures: tuple[Failures, ...]
@@ -215,6 +226,7 @@ class Survey:
     processor: float
     workers: tuple[int, ...]
     batched: bool
+    unminimised: bool
 
     @property
     def stored(self) -> int:

@@ -17,7 +17,7 @@ from nhpocp.study.study import Study
 from nhpocp.survey import Axis, Cells, Map, Points
 
 CELLS = 60  # columns and rows of a map; more levels share them
-PANELS = 6  # levels of the third axis that have a map each
+PANELS = 4  # levels of the third axis that have a map each
 POINTS = 1500  # runs of each solver that are drawn one by one
 _ANGLE = re.compile(r"(.*\bpi\b.*|.* deg)")
 
@@ -102,9 +102,7 @@ class Charting:
         outcome = np.where(stored > 0, 0, -1)
         if failed.size:
             outcome = np.where(failed.sum(axis=-1) > 0, 1 + failed.argmax(axis=-1), outcome)
-        medians = {
-            name: self._medians(chart, label, column, shape) for name, column in columns.items()
-        }
+        medians = {name: self._medians(chart, label, column, shape) for name, column in columns.items()}
         return Cells(stored, counts[..., 0], outcome, medians)
 
     def _cell(self, chart: Map, run: int) -> tuple[int, int, int]:
@@ -136,11 +134,16 @@ class Charting:
         spots = [axis.places() for axis in axes]
         places, outcomes, costs = {}, {}, {}
         # a part of them is taken all over the study, always the same
-        query = f"run, outcome, {cost} FROM runs WHERE variant = ? ORDER BY run * 2654435761 % 4294967296 LIMIT ?"
+        query = (
+            f"run, outcome, {cost} FROM runs WHERE variant = ? ORDER BY run * 2654435761 % 4294967296 LIMIT ?"
+        )
         for label in self.study.solvers:
             runs = list(self.store.select(query, [label, POINTS]))
             places[label] = np.array(
-                [[spot[self.level(run, axis)] for spot, axis in zip(spots, axes, strict=True)] for run, *_ in runs],
+                [
+                    [spot[self.level(run, axis)] for spot, axis in zip(spots, axes, strict=True)]
+                    for run, *_ in runs
+                ],
                 dtype=float,
             ).reshape(len(runs), len(axes))
             outcomes[label] = np.array([self.places[outcome] for _, outcome, _ in runs], dtype=int)

@@ -70,6 +70,7 @@ class _Surveyor:
             name=study.name,
             store=str(store.file),
             text=study.text,
+            problem_text=study.problem_text,
             problem=self.problem,
             runs=len(study),
             order=study.order,
@@ -87,6 +88,7 @@ class _Surveyor:
             processor=processor,
             workers=workers,
             batched=self._batched(),
+            unminimised=self._unminimised(),
         )
 
     @staticmethod
@@ -146,6 +148,11 @@ class _Surveyor:
         alone = self.study.order == "nearest" or self.study.design.goals < 2 or self.problem.bounds
         return not alone and any(label.startswith("jacobian") for label in self.study.solvers)
 
+    def _unminimised(self) -> bool:
+        """Whether the Jacobian method took the first control that reached the goal."""
+        where = "variant LIKE 'jacobian%' AND json_extract(settings, '$.objective') = 'none'"
+        return any(self.store.select(f"1 FROM runs WHERE {where} LIMIT 1"))
+
     # --- performance profiles ---------------------------------------------------------------------------------------
 
     def _profiles(self, spreads: Mapping[str, Mapping[str, Spread]]) -> dict[str, Profiles]:
@@ -176,14 +183,17 @@ class _Surveyor:
 
     def _failures(self) -> tuple[Failures, ...]:
         """Those that are alike together, the commonest first."""
-        kinds: dict[tuple[str, tuple[str, ...]], tuple[Counter[str], int, str]] = {}
-        query = "run, variant, outcome, message, limits FROM runs WHERE NOT converged ORDER BY run"
-        for run, label, outcome, message, limits in self.store.select(query):
+        kinds: dict[tuple[str, tuple[str, ...]], list[Any]] = {}
+        query = """run, variant, outcome, message, limits, solved_control IS NOT NULL FROM runs
+                   WHERE NOT converged ORDER BY run"""
+        for run, label, outcome, message, limits, kept in self.store.select(query):
             kind = outcome, _broken(outcome, message, json.loads(limits or "{}"))
             if kind not in kinds and len(kinds) >= KINDS_OF_FAILURE:
                 kind = outcome, ("others",)
-            counts, _, _ = kinds.setdefault(kind, (Counter(), run, message))
+            counts, *first = kinds.setdefault(kind, [Counter(), run, message, bool(kept)])
             counts[label] += 1
+            if kept and not first[2]:
+                kinds[kind] = [counts, run, message, True]
         told = [Failures(*kind, *facts) for kind, facts in kinds.items()]
         return tuple(sorted(told, key=lambda some: (-some.count, some.run)))
 
