@@ -12,7 +12,7 @@ import numpy as np
 from nhpocp.arrays import Array
 from nhpocp.problem import PlanningProblem
 
-STEPS = 64  # of a performance profile, for every factor of two
+STEPS = 256  # of a performance profile, for every factor of two
 FACTORS = 20  # of two: a ratio beyond is as good as a failure
 TIE = 1.0005  # ratios below it are no difference
 

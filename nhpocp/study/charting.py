@@ -18,7 +18,7 @@ from nhpocp.survey import Axis, Cells, Map, Points
 
 CELLS = 60  # columns and rows of a map; more levels share them
 PANELS = 4  # levels of the third axis that have a map each
-POINTS = 1500  # runs of each solver that are drawn one by one
+POINTS = 1000  # runs of each solver that are drawn one by one
 _ANGLE = re.compile(r"(.*\bpi\b.*|.* deg)")
 
 

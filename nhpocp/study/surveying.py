@@ -20,7 +20,7 @@ from nhpocp.study.study import Study, read_study_text
 from nhpocp.survey import Failures, Profiles, Quantity, Spread, Survey, shift_of
 from nhpocp.systems.margins import margin
 
-QUANTILES = 401
+QUANTILES = 201
 KINDS_OF_FAILURE = 300  # that are told apart while they are counted
 SOLVED = "converged"
 

@@ -10,13 +10,14 @@ from typing import Any
 from nhpocp.comparison import Comparison, Entry, Group
 from nhpocp.views import report_tables as tables
 from nhpocp.views import report_words as words
-from nhpocp.views.overlays import Overlay, overlays
+from nhpocp.views.overlays import WIDTH, Overlay, overlays
 from nhpocp.views.page import filled
 from nhpocp.views.readout import readout
 from nhpocp.views.svg import inline_svg
 from nhpocp.whole import write_text
 
 TEMPLATE = "report.html.jinja"
+COLUMN = 59  # rem: the width of the page's text
 
 
 def write_report(
@@ -93,7 +94,14 @@ def embedded(overlay: Overlay, prefix: str, of: str) -> dict[str, Any]:
     description = f"{overlay.title} of {of}. {overlay.caption.striptags()}"
     svg = inline_svg(overlay.figure, prefix, description)  # lays the figure out
     numbers = readout(overlay.figure, overlay.abscissa) if overlay.abscissa else None
-    return {"title": overlay.title, "caption": overlay.caption, "svg": svg, "readout": numbers}
+    share = min(1.0, overlay.figure.get_figwidth() / WIDTH)
+    return {
+        "title": overlay.title,
+        "caption": overlay.caption,
+        "svg": svg,
+        "readout": numbers,
+        "width": None if share > 0.99 else round(COLUMN * share, 1),
+    }
 
 
 def _reasons(entry: Entry) -> list[str]:

@@ -11,6 +11,7 @@ from matplotlib.colors import LogNorm, Normalize, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from nhpocp.arrays import Array
 from nhpocp.survey import Axis, Cells, Map, Points, Quantity, Survey
@@ -23,7 +24,8 @@ SUCCESS = "#BFE3F5"  # pale, so that failures stand out
 FAILURES = ("#D55E00", "#E69F00", "#CC79A7", "#009E73", "#0072B2", "#000000")  # Okabe and Ito
 MARKERS = ("x", "+", "o", "^", "s", "D")  # which tell them apart in grey
 LEVELS, SHARES = "viridis", "cividis"
-TICKS = 11  # labels along an axis of a map
+TICKS = 11  # labels along an upright axis of a map
+LETTER = 0.05  # inches of one in a label
 NUMBERS = 64  # cells of a panel in which their values can still be read
 MARKED = 400  # cells of a panel that are marked one by one
 WIDE = 20.0  # most over least, from which a scale is logarithmic
@@ -83,7 +85,7 @@ def _maps(survey: Survey, chart: Map) -> Iterator[Overlay]:
         if not cells.stored.any():
             continue
         figure = _map_figure(survey, chart, cells, norms)
-        over = words.over_words(chart, survey.problem)
+        over = words.over_words(chart)
         caption = Markup("{} {}").format(MAPPED if chart.single else SHARED, over)
         title = "Where it is solved, and at what cost"
         title += f": {name}" if len(names) > 1 else ""
@@ -121,17 +123,30 @@ def _map_figure(survey: Survey, chart: Map, cells: Cells, norms: dict[str, Norma
             if chart.panels and row == 0:
                 level = chart.panels.levels[place]
                 axes.set_title(words.panel_words(chart.panels, level, survey.problem), loc="left")
-            _map_axes(axes, chart, survey, place if count > 1 else 0, row == len(kinds) - 1 or count == 1)
+            lowest = row == len(kinds) - 1 or count == 1
+            room = width - (0.55 if count > 1 else 0.9)
+            _map_axes(axes, chart, survey, place if count > 1 else 0, lowest, room)
         if mesh is not None:
-            bar = figure.colorbar(mesh, ax=mine, pad=0.02, aspect=24)
-            bar.set_label(label)
-            bar.outline.set_linewidth(0.4)
-            bar.ax.tick_params(which="both", length=2)
+            _scale(figure, mesh, mine, label)
         elif count == 1:
             mine[0].set_title("outcome", loc="left")
     if success and chart.single:
         _outcome_legend(figure, survey)
     return figure
+
+
+def _scale(figure: Figure, mesh: Any, beside: Sequence[Any], label: str) -> None:
+    """The scale of colours beside panels; a logarithmic one in plain numbers."""
+    bar = figure.colorbar(mesh, ax=beside, pad=0.02, aspect=24)
+    bar.set_label(label)
+    bar.outline.set_linewidth(0.4)
+    if isinstance(mesh.norm, LogNorm):
+        least, most = mesh.get_clim()
+        narrow = most / least < 1000
+        bar.ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5) if narrow else (1,)))
+        bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        bar.ax.yaxis.set_minor_formatter(NullFormatter())
+    bar.ax.tick_params(which="both", length=2)
 
 
 def _norm(values: Sequence[Array]) -> Normalize:
@@ -216,14 +231,14 @@ def _numbers(axes: Any, values: Array, mesh: Any) -> None:
         if np.isfinite(value):
             red, green, blue, _ = mesh.cmap(mesh.norm(value))
             dark = 0.3 * red + 0.59 * green + 0.11 * blue < 0.5
-            text = f"{value:.3g}" if abs(value) < 1e4 else f"{value:.1e}"
+            text = f"{value:g}" if value == int(value) else f"{value:#.3g}"
             axes.text(column, row, text, ha="center", va="center", fontsize=6.5, color="w" if dark else "k")
 
 
-def _map_axes(axes: Any, chart: Map, survey: Survey, column: int, lowest: bool) -> None:
-    """Ticks and labels; the y axis is named once a row, the x axis once a column."""
+def _map_axes(axes: Any, chart: Map, survey: Survey, column: int, lowest: bool, room: float) -> None:
+    """Ticks and labels; the y axis is named once a row, the x axis once a column. room: for the x axis [inch]."""
     assert chart.rows is not None
-    _level_ticks(axes.xaxis, chart.columns, chart.group[0])
+    _level_ticks(axes.xaxis, chart.columns, chart.group[0], room)
     _level_ticks(axes.yaxis, chart.rows, chart.group[1])
     if lowest:
         axes.set_xlabel(words.axis_words(chart.columns, survey.problem))
@@ -234,15 +249,15 @@ def _map_axes(axes: Any, chart: Map, survey: Survey, column: int, lowest: bool) 
         axes.spines[spine].set_visible(True)
 
 
-def _level_ticks(ruler: Any, axis: Axis, group: int) -> None:
-    """The levels of an axis at its cells, some of them where there are many."""
+def _level_ticks(ruler: Any, axis: Axis, group: int, room: float | None = None) -> None:
+    """The levels of an axis at its cells; those for which there is ``room`` along it [inch], if they stand side by
+    side, both ends among them where that can be."""
     count = -(-len(axis.levels) // group)
-    step = -(-count // TICKS)
-    step += (
-        step > 1 and count % 2 == 1 and step % 2 == 1 and count <= 2 * TICKS
-    )  # so that both ends are named
-    places = range(0, count, step)
-    ruler.set_ticks(list(places), [words.level_words(axis, axis.levels[place * group]) for place in places])
+    labels = [words.level_words(axis, axis.levels[place * group]) for place in range(count)]
+    most = TICKS if room is None else max(2, int(room / (0.14 + LETTER * max(map(len, labels)))))
+    least = -(-count // most)
+    step = next((step for step in range(least, 2 * least + 1) if (count - 1) % step == 0), least)
+    ruler.set_ticks(list(range(0, count, step)), labels[::step])
 
 
 # --- one axis ---------------------------------------------------------------------------------------------------------
@@ -279,7 +294,7 @@ def _curves(survey: Survey, chart: Map, axis: Axis) -> Overlay:
     if len(survey.solvers) > 1:
         handles, labels = grid[0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside upper left", ncols=min(len(labels), 3))
-    over = words.over_words(chart, survey.problem)
+    over = words.over_words(chart)
     caption = Markup("{} {}").format(Markup("Gaps in a line are runs that failed."), over)
     return Overlay("curves", "Where it is solved, and at what cost", caption, figure)
 
@@ -338,7 +353,9 @@ def _point_figure(survey: Survey, chart: Points, label: str, norm: Normalize) ->
     mesh = None
     for axes, (first, second) in zip(grid, both, strict=True):
         y = costs if first == second else places[:, second]
-        look = {"s": size, "rasterized": dense, "linewidths": 0.2, "edgecolors": "k"}
+        look = {"s": size, "linewidths": 0.2, "edgecolors": "k", "zorder": 2}
+        if dense:
+            axes.set_rasterization_zorder(3.5)  # all points as one image
         mesh = axes.scatter(places[solved, first], y[solved], c=costs[solved], cmap=LEVELS, norm=norm, **look)
         for which in range(1, len(survey.outcomes)):
             mine = outcomes == which
@@ -347,7 +364,7 @@ def _point_figure(survey: Survey, chart: Points, label: str, norm: Normalize) ->
             where = axes.get_xaxis_transform() if first == second else axes.transData
             axes.scatter(
                 places[mine, first], spots, s=size, c=colour, marker=marker, linewidths=1.0, transform=where,
-                rasterized=dense, zorder=3, clip_on=first != second,
+                zorder=3, clip_on=first != second,
             )  # fmt: skip
         axes.set_xlabel(words.axis_words(chart.axes[first], survey.problem))
         if first == second:
@@ -358,9 +375,7 @@ def _point_figure(survey: Survey, chart: Points, label: str, norm: Normalize) ->
             if not chart.axes[place].numeric and (first != second or ruler is axes.xaxis):
                 _level_ticks(ruler, chart.axes[place], 1)
     if mesh is not None and cost is not None and both != [(0, 0)]:
-        bar = figure.colorbar(mesh, ax=grid, pad=0.02, aspect=24)
-        bar.set_label(words.quantity_label(cost, survey.problem))
-        bar.outline.set_linewidth(0.4)
+        _scale(figure, mesh, grid, words.quantity_label(cost, survey.problem))
     if len(survey.outcomes) > 1:
         _outcome_legend(figure, survey, solved=False)
     return figure

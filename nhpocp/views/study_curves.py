@@ -8,7 +8,7 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FuncFormatter
+from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullFormatter, NullLocator
 
 from nhpocp.arrays import Array
 from nhpocp.survey import Survey
@@ -19,6 +19,11 @@ from nhpocp.views.style import axes_grid, line_style, sheet
 
 WIDE = 30.0  # most over least, from which an axis is logarithmic
 COLUMNS = 3
+TICKS = (
+    (1, 1.1, 1.2, 1.5),
+    (1, 1.5, 2, 3, 5),
+    (1, 2, 5, 10, 20, 50, 100),
+)  # of ratios up to the last of these
 
 
 def curves(survey: Survey) -> list[Overlay]:
@@ -74,21 +79,20 @@ def _profiles(survey: Survey) -> Overlay:
     for axes, (name, profile) in zip(grid, survey.profiles.items(), strict=True):
         quantity = next(quantity for quantity in survey.quantities if quantity.name == name)
         shares, ratios = profile.shares, profile.ratios
-        settled = np.nonzero((shares < shares[:, -1:]).any(axis=0))[0]
-        last = min(len(ratios) - 1, int(settled[-1]) + 8 if len(settled) else 16)
-        for k in range(len(profile.solvers)):
-            axes.step(ratios[: last + 1], shares[k, : last + 1], where="post", **line_style(k))
-        axes.set_xscale("log", base=2 if ratios[last] <= 32 else 10)
+        unsettled = np.nonzero((shares < shares[:, -1:]).any(axis=0))[0]
+        last = float(ratios[unsettled[-1] + 1] if len(unsettled) else 1.0) ** 1.05 * 1.02
+        for k, share in enumerate(shares):
+            steps = np.r_[0, np.nonzero(np.diff(share))[0] + 1]
+            x, y = np.r_[ratios[steps], last], np.r_[share[steps], share[-1]]
+            axes.step(x, y, where="post", **line_style(k))
+        axes.set(xscale="log", ylim=(0, 1.03), xlim=(1, last), ylabel=r"$\rho(\tau)$")
+        ticks = next((some for some in TICKS if last < 1.3 * some[-1]), None)
+        axes.xaxis.set_major_locator(FixedLocator(ticks) if ticks else LogLocator())
+        axes.xaxis.set_minor_locator(NullLocator() if ticks else LogLocator(subs="auto"))
         axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        if ratios[last] < 2:
-            axes.set_xscale("linear")
-        label = words.quantity_label(quantity, survey.problem).replace(" [s]", "")
-        axes.set(
-            ylim=(0, 1.03),
-            xlim=(1, ratios[last]),
-            xlabel=rf"$\tau$, {label} over the least",
-            ylabel=r"$\rho(\tau)$",
-        )
+        axes.xaxis.set_minor_formatter(NullFormatter())
+        measured = words.quantity_label(quantity, survey.problem).replace("solving [s]", "solving time")
+        axes.set_xlabel(rf"$\tau$, {measured} over the least")
     _legend(figure, survey)
     points = next(iter(survey.profiles.values())).points
     return Overlay("profiles", "Performance profiles", PROFILED.format(points), figure)

@@ -13,7 +13,7 @@ from markupsafe import Markup, escape
 from nhpocp.objectives.registry import OBJECTIVES
 from nhpocp.outcome import Outcome
 from nhpocp.problem import PlanningProblem
-from nhpocp.survey import Axis, Failures, Map, Points, Quantity, Survey
+from nhpocp.survey import Axis, Failures, Map, Quantity, Survey
 from nhpocp.views import report_words
 from nhpocp.views.labels import Notation, axis_label, markup, notation, symbol
 from nhpocp.views.latex_table import cost_mathematics
@@ -58,7 +58,7 @@ def axis_words(axis: Axis, problem: PlanningProblem) -> str:
 def level_words(axis: Axis, level: Any, unit: bool = False) -> str:
     """A level as a picture writes it."""
     if axis.numeric:
-        written = f"{axis.shown(level):.4g}".replace("-", "\N{MINUS SIGN}")
+        written = f"{axis.shown(level):.3g}".replace("-", "\N{MINUS SIGN}")
         return written + "°" * (unit and axis.degrees)
     text = level if isinstance(level, str) else json.dumps(level, default=str)
     text = text if len(text) <= LONGEST else text[: LONGEST - 1] + "…"
@@ -89,7 +89,7 @@ def quantity_label(quantity: Quantity, problem: PlanningProblem) -> str:
     """The label of a quantity in a picture."""
     if quantity.kind == "cost":
         control = report_words.control_symbol(problem)
-        mathematics = cost_mathematics(OBJECTIVES[quantity.name].symbol, control)
+        mathematics = cost_mathematics(OBJECTIVES[quantity.name].symbol, control).replace(r"\int ", r"\int\,")
         name = quantity.name.replace("_", " ")
         return f"{name} {mathematics}" if mathematics.startswith("$") and "mbox" not in mathematics else name
     if quantity.kind == "margin":
@@ -198,16 +198,12 @@ def failures(survey: Survey, most: int) -> list[dict[str, Any]]:
 # --- pictures -------------------------------------------------------------------------------------------------------
 
 
-def over_words(chart: Map | Points, problem: PlanningProblem) -> Markup:
-    """What a chart shows over what, and what it leaves out."""
-    if isinstance(chart, Points):
-        return Markup("")
+def over_words(chart: Map) -> Markup:
+    """What the cells of a map hold together."""
     parts = []
     if chart.beside:
-        names = ", ".join(str(markup(axis_words(axis, problem))) for axis in chart.beside)
-        parts.append(
-            Markup("A cell holds all levels of {}: shares and medians of its runs.").format(Markup(names))
-        )
+        names = ", ".join(axis.path for axis in chart.beside)
+        parts.append(Markup("A cell holds all levels of {}: shares and medians of its runs.").format(names))
     for axis, group in zip([chart.columns, chart.rows], chart.group, strict=True):
         if axis is not None and group > 1:
             parts.append(Markup("{} levels of {} share a cell.").format(group, axis.path))
