@@ -10,7 +10,6 @@ from matplotlib.figure import Figure
 from nhpocp.arrays import Array
 from nhpocp.views.style import COLOURS, axes_grid, styled
 
-
 WIDE = 30.0  # most over least, from which an axis is logarithmic
 
 
