@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import re
+import signal
 import statistics
+import time
 from pathlib import Path
 
 import numpy as np
@@ -361,15 +363,28 @@ def test_what_nhpocp_did_not_write_is_left_alone(tmp_path, name):
     assert (tmp_path / name).read_text() == "mine"
 
 
-def test_a_report_that_cannot_be_written_is_missing(tmp_path, monkeypatch):
-    file, _, _ = store_of(ROBOT + DRAWN, tmp_path / "study.sqlite", runs=3)
+def full(*_):
+    raise OSError(28, "No space left on device")
 
-    def full(*_):
-        raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("nhpocp.views.study_report.write_study_report", full)
+def stopped(*_):
+    signal.raise_signal(signal.SIGINT)
+    time.sleep(60)
+
+
+@pytest.mark.parametrize(
+    ("drawing", "why"), [(full, "No space left on device"), (stopped, "stopped by hand")]
+)
+def test_a_report_that_cannot_be_written_is_missing_and_said(tmp_path, monkeypatch, drawing, why):
+    file, _, _ = store_of(ROBOT + AXES["few"], tmp_path / "study.sqlite")
+    monkeypatch.setattr("nhpocp.views.study_report.write_study_report", drawing)
+    monkeypatch.setattr("nhpocp.interruption.PATIENCE", 0.05)
     (tmp_path / "report.html").write_text('<meta name="generator" content="nhpocp sweep">')
-    assert write_report(file, tmp_path) == "No space left on device"
+    _, out, errors = ran("compare", "--from", file, "--json", cwd=tmp_path)
+    assert json.loads(out)["report"] is None
+    assert errors == (
+        f"warning: the report could not be written ({why}); `nhpocp compare --from {file}` writes it\n"
+    )
     assert not (tmp_path / "report.html").exists()
 
 
