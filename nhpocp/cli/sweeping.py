@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
 from contextlib import contextmanager
@@ -44,11 +45,14 @@ STORE = "study.sqlite"
 def sweep(
     file: Path, workers: int | None, dask: str | None, resume: bool, output: Path | None, as_json: bool
 ) -> int:
-    """Run a study: many problems, one row each in an SQLite file.
+    """Run a study: many problems, one row each in an SQLite file, and a report.
 
-    Rows are stored as runs finish. After Ctrl-C, or whatever else stops it, --resume goes on.
+    Rows are stored as runs finish. After Ctrl-C, or whatever else stops it, --resume goes on. At the end
+    report.html and comparison.tex, a table for LaTeX, are written beside the store; `nhpocp compare
+    --from STUDY.sqlite` writes them again.
     """
     from nhpocp.solution_folder import folder_name
+    from nhpocp.study.report import check_home
     from nhpocp.study.store import Store
     from nhpocp.study.study import read_study
     from nhpocp.study.sweep import sweep as run_all
@@ -56,6 +60,7 @@ def sweep(
     study = read_study(file)
     many = workers or os.cpu_count() or 1
     folder = output or Path("results") / folder_name(study.name)
+    check_home(folder)
     # before and after the runs there is nothing to stop: all that has ended is stored
     with (
         Interruption(patient=True),
@@ -65,21 +70,13 @@ def sweep(
         with _live(as_json, study.name) as show:
             tally = run_all(study, store, many, show, make)
         outcomes, first = store.outcomes(), store.failed()
-    if as_json:
-        put(
-            {
-                "store": str(store.file),
-                "report": None,
-                "runs": tally.runs,
-                "converged": tally.converged,
-                "failed": tally.failed,
-                "seconds": tally.seconds,
-            }
-        )
-    else:
-        _summary(tally, outcomes, store.file, first)
     if tally.stopped:
         say(f"stopped by hand; {tally.stored} of {tally.runs} runs are stored, --resume runs the others")
+    report = _report(store.file, folder, as_json)
+    if as_json:
+        _put(store.file, report, tally.runs, tally.converged, tally.failed, tally.seconds)
+    else:
+        _summary(tally, outcomes, store.file, report, first)
     return SOLVED if tally.converged == tally.runs else NOT_SOLVED
 
 
@@ -98,14 +95,69 @@ def _dask(address: str | None, workers: int | None) -> Iterator[Callable[[], Exe
         yield lambda: executor
 
 
-def _summary(tally: Tally, outcomes: dict[str, int], store: Path, first: int | None) -> None:
-    endings = ", ".join(f"{count} {name}" for name, count in outcomes.items() if name != "converged")
-    tell(
-        f"{tally.stored} of {tally.runs} runs: {tally.converged} solved and verified"
-        + (f", {tally.failed} failed ({endings})" if endings else "")
+def report_again(store: Path, home: Path | None, as_json: bool) -> int:
+    """The report of a stored study, beside its store or in ``home``."""
+    from nhpocp.study.store import Store
+
+    with Store.open(store) as opened:
+        runs, outcomes = int(opened.facts["runs"]), opened.outcomes()
+    stored, solved = sum(outcomes.values()), outcomes.get("converged", 0)
+    report = _report(store, home or store.parent, as_json)
+    if as_json:
+        _put(store, report, runs, solved, stored - solved, None)
+    else:
+        tell(_counted(outcomes, runs))
+        if report:
+            tell(f"report: {report}")
+    return SOLVED if solved == runs else NOT_SOLVED
+
+
+def _report(store: Path, home: Path, quiet: bool) -> Path | None:
+    """Where the report is; without one a warning says why."""
+    from nhpocp.cli.progress import progress
+    from nhpocp.study.report import PAGE, write_report
+
+    with progress(quiet, "writing the report"):
+        why = write_report(store, home)
+    if why:
+        say(
+            f"warning: the report could not be written ({why}); "
+            f"`nhpocp compare --from {shlex.quote(str(store))}` writes it"
+        )
+    return None if why else home / PAGE
+
+
+def _put(
+    store: Path, report: Path | None, runs: int, solved: int, failed: int, seconds: float | None
+) -> None:
+    put(
+        {
+            "store": str(store),
+            "report": None if report is None else str(report),
+            "runs": runs,
+            "converged": solved,
+            "failed": failed,
+            "seconds": seconds,
+        }
     )
+
+
+def _counted(outcomes: dict[str, int], runs: int) -> str:
+    """How many runs are stored, and how they ended."""
+    endings = ", ".join(f"{count} {name}" for name, count in outcomes.items() if name != "converged")
+    stored, solved = sum(outcomes.values()), outcomes.get("converged", 0)
+    failed = f", {stored - solved} failed ({endings})" if endings else ""
+    return f"{stored} of {runs} runs: {solved} solved and verified{failed}"
+
+
+def _summary(
+    tally: Tally, outcomes: dict[str, int], store: Path, report: Path | None, first: int | None
+) -> None:
+    tell(_counted(outcomes, tally.runs))
     tell(f"{tally.done} runs in {tally.seconds:.1f} s, {tally.rate:.3g} a second")
     tell(f"store: {store}")
+    if report:
+        tell(f"report: {report}")
     tell(f"next: nhpocp export {store} --format csv")
     if first is not None:
         tell(f"      nhpocp solve --from {store} --run {first}")

@@ -18,10 +18,11 @@ END = "goal."  # keys below it can be changed without a new problem
 
 @dataclass(frozen=True)
 class Factor:
-    """Axes whose values change together: at each of its levels, one value an axis."""
+    """Axes whose values change together: at each of its levels, one value an axis. drawn: rather than chosen."""
 
     paths: tuple[str, ...]
     levels: tuple[tuple[Any, ...], ...]
+    drawn: bool = False
 
     @property
     def of_goal(self) -> bool:
@@ -49,10 +50,17 @@ class Design:
     def point(self, index: int) -> dict[str, Any]:
         """The values of one point by the paths of the axes."""
         values: dict[str, Any] = {}
+        for factor, level in zip(self.factors, self.places(index), strict=True):
+            values |= zip(factor.paths, factor.levels[level], strict=True)
+        return values
+
+    def places(self, index: int) -> list[int]:
+        """Which level of each factor a point has."""
+        places = []
         for factor in reversed(self.factors):
             index, level = divmod(index, len(factor.levels))
-            values = dict(zip(factor.paths, factor.levels[level], strict=True)) | values
-        return values
+            places.append(level)
+        return places[::-1]
 
 
 def design_of(data: StudyData) -> Design:
@@ -115,7 +123,7 @@ def _drawn(axes: Mapping[str, SpreadData], sampling: str, count: int, seed: int)
         tuple(_between(axis, float(share)) for axis, share in zip(axes.values(), row, strict=True))
         for row in shares
     )
-    return Factor(tuple(axes), levels)
+    return Factor(tuple(axes), levels, drawn=True)
 
 
 def _shares(sampling: str, count: int, dimensions: int, seed: int) -> Array:
