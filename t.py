@@ -1,7 +1,9 @@
-import signal, time
+import signal
+import time
+from pathlib import Path
+
 from nhpocp.solution_folder.pictures import attempted
 from nhpocp.whole import write_file
-from pathlib import Path
 
 
 def stopped(*_):
