@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -115,9 +115,12 @@ class NumericSystem:
 
     def sigmas(self, states: Array, length_scale: float) -> dict[str, Array]:
         """The least singular value of every regularity matrix at samples, rotations divided by a length, (k,) each."""
+        return self._sigmas(self.regularity(states), length_scale)
+
+    def _sigmas(self, regularity: Mapping[str, Array], length_scale: float) -> dict[str, Array]:
         return {
             name: _least_singular_value(matrices / self.system.column_scales(name, length_scale))
-            for name, matrices in self.regularity(states).items()
+            for name, matrices in regularity.items()
         }
 
     def least_sigmas(self, states: Array, length_scale: float) -> dict[str, float | None]:
@@ -129,9 +132,10 @@ class NumericSystem:
 
     def margins(self, states: Array, length_scale: float) -> dict[str, Array]:
         """Both margins of every regularity matrix at samples, (k,) each, by `Margin.name`."""
-        sigmas, determinants = self.sigmas(states, length_scale), self.determinants(states)
+        regularity = self.regularity(states)
+        sigmas = self._sigmas(regularity, length_scale)
         named = {sigma(name).name: values for name, values in sigmas.items()}
-        return named | {det(name).name: values for name, values in determinants.items()}
+        return named | {det(name).name: _determinant(matrices) for name, matrices in regularity.items()}
 
     def trajectory(self, states: Array, controls: Array, length_scale: float) -> dict[str, Array]:
         """Everything worth knowing at samples: state blocks, inputs, outputs, margins; (k, …) arrays by name."""

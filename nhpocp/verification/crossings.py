@@ -13,6 +13,7 @@ from nhpocp.arrays import Array
 from nhpocp.solution import Crossing
 from nhpocp.state_space import StateSpace
 from nhpocp.systems.margins import det
+from nhpocp.systems.margins import sigma as sigma_of
 from nhpocp.systems.numeric import NumericSystem
 from nhpocp.verification.replay import Path
 
@@ -24,8 +25,9 @@ def find_crossings(numeric: NumericSystem, path: Path, times: Array, length_scal
     """Every zero of every regularity determinant, in order of time: sign changes, and touches from one side."""
     times = np.unique(times)
     states, crossings = path(times), []
-    sigmas = numeric.sigmas(states, length_scale)
-    for name, values in numeric.determinants(states).items():
+    margins = numeric.margins(states, length_scale)
+    for name in numeric.regularity(states[:1]):
+        values, sigmas = margins[det(name).name], margins[sigma_of(name).name]
 
         def determinant(t: float, name: str = name) -> float:
             return float(numeric.determinants(path(np.array([t])))[name][0])
@@ -36,7 +38,7 @@ def find_crossings(numeric: NumericSystem, path: Path, times: Array, length_scal
         signs = np.sign(values[np.isfinite(values) & (values != 0)])
         returns = bool(len(signs) and signs[0] == signs[-1])
         crossed = sign_changes(determinant, times, values)
-        touched = touches(sigma, times, sigmas[name], crossed)
+        touched = touches(sigma, times, sigmas, crossed)
         for time, touch in [*((t, False) for t in crossed), *((t, True) for t in touched)]:
             state = describe_state(numeric.system.state_space, path(np.array([time]))[0])
             crossings.append(Crossing(det(name).name, time, state, touch or returns, touch))
@@ -71,16 +73,19 @@ def touches(
 
 def _low_places(values: Array) -> list[int]:
     """Samples beside which a function ≥ 0 may come below `TOUCH`: where it does so first, and minima low enough."""
-    places = []
-    for k, value in enumerate(values):
-        around = values[max(k - 1, 0) : k + 2]
-        if value <= TOUCH:
-            if k == 0 or values[k - 1] > TOUCH:
-                places.append(k)
-        # over half a step it falls by no more than over the whole ones beside it
-        elif value <= around.min() and value - np.abs(around - value).max() <= TOUCH:
-            places.append(k)
-    return places
+    if not len(values):
+        return []
+    low, sides = values <= TOUCH, _beside(values)
+    first = low & ~np.append(False, low[:-1])
+    # over half a step it falls by no more than over the whole ones beside it
+    steepest = np.abs(sides - values).max(axis=0)
+    minimum = ~low & (values <= sides.min(axis=0)) & (values - steepest <= TOUCH)
+    return [int(k) for k in np.flatnonzero(first | minimum)]
+
+
+def _beside(values: Array) -> Array:
+    """The samples before and after each, (2, k); at the ends the sample itself."""
+    return np.stack([np.append(values[:1], values[:-1]), np.append(values[1:], values[-1:])])
 
 
 def sign_changes(function: Callable[[float], float], times: Array, values: Array) -> list[float]:
@@ -106,19 +111,18 @@ def sign_changes(function: Callable[[float], float], times: Array, values: Array
 
 def _dips(function: Callable[[float], float], times: Array, values: Array) -> list[tuple[float, float]]:
     """Times between samples at which |f| dips through zero and back, with the sign f has around them."""
+    if len(values) < 3:
+        return []
     size, signs = np.abs(values), np.sign(values)
+    before, after = _beside(size)
+    curvature = before - 2 * size + after
+    with np.errstate(all="ignore"):
+        sag = np.where(curvature > 0, (after - before) ** 2 / (8 * curvature), 0.0)
+    # the parabola through three samples comes close to zero
+    near = (signs == _beside(signs)).all(axis=0) & (size <= np.minimum(before, after)) & (sag >= 0.5 * size)
+    near[[0, -1]] = False
     dips: list[tuple[float, float]] = []
-    looked = 0
-    for k in range(1, len(values) - 1):
-        if not (signs[k - 1] == signs[k] == signs[k + 1] and size[k] <= min(size[k - 1], size[k + 1])):
-            continue
-        curvature = size[k - 1] - 2 * size[k] + size[k + 1]
-        sag = (size[k + 1] - size[k - 1]) ** 2 / (8 * curvature) if curvature > 0 else 0.0
-        if sag < 0.5 * size[k]:  # the parabola through three samples stays well clear of zero
-            continue
-        looked += 1
-        if looked > MOST:
-            break
+    for k in np.flatnonzero(near)[:MOST]:
         lowest = minimize_scalar(
             lambda t, sign=signs[k]: sign * function(t),
             bounds=(times[k - 1], times[k + 1]),
