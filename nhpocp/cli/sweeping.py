@@ -11,18 +11,23 @@ from typing import TYPE_CHECKING
 import click
 
 from nhpocp.cli.exit_status import NOT_SOLVED, SOLVED
+from nhpocp.cli.optimum import Optimum
 from nhpocp.cli.options import json_option
 from nhpocp.cli.terminal import console, put, say, tell
 from nhpocp.errors import InvalidProblemError
 from nhpocp.interruption import Interruption
 
 if TYPE_CHECKING:
+    from nhpocp.study.study import Study
     from nhpocp.study.sweep import Tally
 
 STORE = "study.sqlite"
 
 
-@click.command(epilog="Exit status: 0 if every run of the study is solved and verified, else 1.")
+@click.command(
+    epilog="Exit status: 0 if every run of the study is solved and verified, or of an optimised one if all trials are "
+    "made and one has no failed run; else 1."
+)
 @click.argument("file", type=click.Path(path_type=Path), metavar="STUDY.yaml")
 @click.option(
     "--workers", type=click.IntRange(1, 1024), help="Processes, one thread each; default: one a core."
@@ -38,7 +43,8 @@ STORE = "study.sqlite"
 def sweep(file: Path, workers: int | None, resume: bool, output: Path | None, as_json: bool) -> int:
     """Run a study: many problems, one row each in an SQLite file.
 
-    Rows are stored as runs finish. After Ctrl-C, or whatever else stops it, --resume goes on.
+    Rows are stored as runs finish. After Ctrl-C, or whatever else stops it, --resume goes on. A study with `optimise`
+    looks for the best design: Optuna (extra `design`) proposes trials, and the best are shown.
     """
     from nhpocp.solution_folder import folder_name
     from nhpocp.study.store import Store
@@ -47,11 +53,16 @@ def sweep(file: Path, workers: int | None, resume: bool, output: Path | None, as
 
     study = read_study(file)
     folder = output or Path("results") / folder_name(study.name)
+    if study.optimise:
+        from nhpocp.study.optimiser import check_place
+
+        check_place(folder / STORE, resume)
     # before and after the runs there is nothing to stop: all that has ended is stored
     with Interruption(patient=True), Store.create(folder / STORE, study, resume) as store:
-        with _live(as_json, study.name) as show:
+        with _live(as_json, study) as show:
             tally = run_all(study, store, workers or os.cpu_count() or 1, show)
         outcomes, first = store.outcomes(), store.failed()
+    optimum = Optimum.of(study.optimise, tally.trials) if study.optimise else None
     if as_json:
         put(
             {
@@ -61,16 +72,21 @@ def sweep(file: Path, workers: int | None, resume: bool, output: Path | None, as
                 "converged": tally.converged,
                 "failed": tally.failed,
                 "seconds": tally.seconds,
+                **(optimum.to_json() if optimum else {}),
             }
         )
     else:
-        _summary(tally, outcomes, store.file, first)
+        _summary(tally, outcomes, store.file, first, optimum)
     if tally.stopped:
         say(f"stopped by hand; {tally.stored} of {tally.runs} runs are stored, --resume runs the others")
+    if optimum:
+        return SOLVED if tally.stored == tally.runs and optimum.front else NOT_SOLVED
     return SOLVED if tally.converged == tally.runs else NOT_SOLVED
 
 
-def _summary(tally: Tally, outcomes: dict[str, int], store: Path, first: int | None) -> None:
+def _summary(
+    tally: Tally, outcomes: dict[str, int], store: Path, first: int | None, optimum: Optimum | None
+) -> None:
     endings = ", ".join(f"{count} {name}" for name, count in outcomes.items() if name != "converged")
     tell(
         f"{tally.stored} of {tally.runs} runs: {tally.converged} solved and verified"
@@ -78,13 +94,18 @@ def _summary(tally: Tally, outcomes: dict[str, int], store: Path, first: int | N
     )
     tell(f"{tally.done} runs in {tally.seconds:.1f} s, {tally.rate:.3g} a second")
     tell(f"store: {store}")
+    if optimum:
+        for line in optimum.lines():
+            tell(line)
     tell(f"next: nhpocp export {store} --format csv")
+    if optimum and optimum.front:
+        first = optimum.front[0].runs[0]
     if first is not None:
         tell(f"      nhpocp solve --from {store} --run {first}")
 
 
 @contextmanager
-def _live(quiet: bool, name: str) -> Iterator[Callable[[Tally], None] | None]:
+def _live(quiet: bool, study: Study) -> Iterator[Callable[[Tally], None] | None]:
     """A line that follows the tally on a terminal; None where nobody would see it."""
     import sys
 
@@ -100,10 +121,12 @@ def _live(quiet: bool, name: str) -> Iterator[Callable[[Tally], None] | None]:
         TimeRemainingColumn(compact=True),
     ]
     with Progress(*columns, console=console(error=True), transient=True, refresh_per_second=4) as bar:
-        task = bar.add_task(name, total=None, words="starting")
+        task = bar.add_task(study.name, total=None, words="starting")
 
         def show(tally: Tally) -> None:
             words = f"{tally.converged} solved, {tally.failed} failed, {tally.rate:.3g} a second"
+            if study.optimise and tally.trials:
+                words += f", {Optimum.of(study.optimise, tally.trials).words()}"
             bar.update(task, total=tally.runs, completed=tally.stored, words=words)
 
         yield show

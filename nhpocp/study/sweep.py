@@ -18,10 +18,12 @@ from typing import Any
 from nhpocp.interruption import Interruption
 from nhpocp.provenance import environment
 from nhpocp.solvers.workers import OFTEN, awaited, own_executor, permit, processes, submitted
-from nhpocp.study.order import Piece, one_by_one, pieces
+from nhpocp.study.order import Piece, one_by_one
+from nhpocp.study.rounds import Round, rounds
 from nhpocp.study.run import Job, Source, failed_row, performed
 from nhpocp.study.store import Row, Store
 from nhpocp.study.study import Study
+from nhpocp.study.trials import Trial
 
 AHEAD = 1  # jobs that wait in the queue beside those that are worked on
 DIED = "the process that worked on it died twice, as for lack of memory; `nhpocp solve` on this problem shows more"
@@ -32,7 +34,7 @@ Submit = Callable[..., Future[list[Row]]]
 
 @dataclass
 class Tally:
-    """How far a sweep is. runs: of the study; stored: of those, at its beginning and since."""
+    """How far a sweep is. runs: of the study; stored: of those, at its beginning and since; trials: that are judged."""
 
     runs: int
     stored: int
@@ -40,6 +42,7 @@ class Tally:
     began: float = field(default_factory=perf_counter)
     done: int = 0  # in this sweep
     stopped: bool = False  # by hand
+    trials: list[Trial] = field(default_factory=list)
 
     @property
     def failed(self) -> int:
@@ -78,10 +81,15 @@ def sweep(
     make = make or partial(processes, workers, "spawn")
     outcomes = store.outcomes()
     tally = Tally(len(study), sum(outcomes.values()), outcomes.get("converged", 0))
-    course = _Course(study, store, store.begin(workers, environment()), tally, progress)
-    with Interruption(patient=False) as interruption, _one_thread():
+    with (
+        Interruption(patient=False) as interruption,
+        _one_thread(),
+        rounds(study, store, tally.trials) as following,
+    ):
+        session = store.begin(workers, environment())
+        course = _Course(following, store, session, tally, progress)
         try:
-            while course.left():
+            while course.goes_on():
                 interruption.check()
                 with permit() as given, own_executor(make) as executor:
                     course.run(partial(submitted, executor, given), workers, interruption)
@@ -125,38 +133,46 @@ class _Course:
     which of them it was if one dies again.
     """
 
-    def __init__(self, study: Study, store: Store, session: int, tally: Tally, progress: Listener) -> None:
-        self.study, self.store, self.session, self.tally, self.progress = (
-            study,
-            store,
-            session,
-            tally,
-            progress,
-        )
-        self.source, self.chained = Source.of(study), study.order == "nearest"
+    def __init__(
+        self, following: Iterator[Round], store: Store, session: int, tally: Tally, progress: Listener
+    ) -> None:
+        self.following, self.store, self.session = following, store, session
+        self.tally, self.progress = tally, progress
         self.suspects: deque[Piece] = deque()
         self.waiting: deque[Piece] = deque()
-        self.pieces = pieces(study, store.done())
+        self.pieces: Iterator[Piece] = iter(())
+
+    def goes_on(self) -> bool:
+        """Whether anything is left to begin. Asked where nothing is under way, so that a round ends before the next."""
+        while not (self.suspects or self.left()):
+            following = next(self.following, None)
+            if following is None:
+                return False
+            self.study, self.pieces = following
+            self.source, self.chained = Source.of(self.study), self.study.order == "nearest"
+        return True
 
     def left(self) -> bool:
-        """Whether anything is left to begin."""
+        """Whether anything of this round waits."""
         if not self.waiting:
             self.waiting.extend(islice(self.pieces, 1))
-        return bool(self.waiting or self.suspects)
+        return bool(self.waiting)
 
     def run(self, submit: Submit, workers: int, stop: Interruption) -> None:
         """Works until nothing is left, or a process has died: then the executor is of no more use."""
         under_way: dict[Future[list[Row]], Piece] = {}
         try:
-            while self.suspects:
-                self._again(submit, stop)
-            while self.left() or under_way:
-                while len(under_way) < workers + AHEAD and self.left():
-                    job = self._begun(submit, self.waiting[0])
-                    under_way[job] = self.waiting.popleft()
-                for job in wait(under_way, OFTEN, FIRST_COMPLETED).done:
-                    self._keep(job.result())
-                    del under_way[job]
+            while self.goes_on():
+                while self.suspects:
+                    self._again(submit, stop)
+                while self.left() or under_way:
+                    while len(under_way) < workers + AHEAD and self.left():
+                        job = self._begun(submit, self.waiting[0])
+                        under_way[job] = self.waiting.popleft()
+                    for job in wait(under_way, OFTEN, FIRST_COMPLETED).done:
+                        self._keep(job.result())
+                        del under_way[job]
+                    stop.check()
                 stop.check()
         except BrokenProcessPool:
             for piece in under_way.values():
