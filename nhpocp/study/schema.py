@@ -171,9 +171,9 @@ class OptimiseData(Strict):
     over: Annotated[
         dict[str, Annotated[list[Any], Checked(_range, {"type": "array", "minItems": 2})]],
         BeforeValidator(_over),
-    ] = Field(description="by the dotted path of a problem's key: [least, most], or a list of choices")
+    ] = Field(description="by the path of a problem's key: [least, most], or a list of choices")
     objectives: Annotated[list[ObjectiveData], Field(min_length=1), BeforeValidator(_objectives)] = Field(
-        description="what is made least, or {max: NAME} greatest: costs, margins, the greatest of a quantity"
+        description="made least, or {max: NAME} greatest: costs, margins, speeds"
     )
     trials: Count = Field(default=100, description="points that are proposed")
     batch: Count = Field(
@@ -205,7 +205,7 @@ class StudyData(Strict):
         default="given", description="nearest: goals begin with the plan to their neighbour"
     )
     optimise: OptimiseData | None = Field(
-        default=None, description="the best of designs, each run over the axes"
+        default=None, description="the best of many designs, each of which is run over the axes"
     )
 
     @model_validator(mode="after")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from nhpocp.constraints.registry import KINDS
 from nhpocp.problem_file.editor_schema import DIALECT, REFERENCE, json_schema
 from nhpocp.problem_file.registry import system_class
 from nhpocp.problem_file.starters import example_task, flow, line, options
@@ -72,22 +73,21 @@ def _axes(system: System, task: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _optimise(system: System) -> Iterator[str]:
-    """An example: over the system's first dimension, if it has one."""
-    sizes = [
-        f"system.{name}"
-        for name, value in system.parameters().items()
-        if isinstance(value, float) and value > 0
-    ]
-    path = sizes[0] if sizes else "error_length"
-    size = system.parameters()[path.removeprefix("system.")] if sizes else 1.0
-    fields = OptimiseData.model_fields
-    yield line(
-        "  # optimise:", "with it the axes are what every design is run over: the best of them is looked for"
+    """An example: over a dimension of the system, if it has one, for little effort and much clearance."""
+    sizes = {
+        name: value for name, value in system.parameters().items() if isinstance(value, float) and value > 0
+    }
+    name, size = next(iter(sizes.items()), ("", 0.0))
+    over = (
+        f"system.{name}: [{0.9 * size:g}, {1.1 * size:g}]" if name else "solvers.jacobian.gamma: [0.05, 0.2]"
     )
-    yield line(f"  #   over: {{{path}: [{0.9 * size:g}, {1.1 * size:g}]}}", str(fields["over"].description))
-    yield line("  #   objectives: [effort, {max: horizon}]", str(fields["objectives"].description))
-    for name in ("trials", "batch", "seed"):
-        yield line(f"  #   {name}: {fields[name].default}", str(fields[name].description))
+    objectives = "[effort]" if KINDS["clearance"].lacking(system) else "[effort, {max: clearance}]"
+    fields = OptimiseData.model_fields
+    yield line("  # optimise:", str(StudyData.model_fields["optimise"].description))
+    yield line(f"  #   over: {{{over}}}", str(fields["over"].description))
+    yield line(f"  #   objectives: {objectives}", str(fields["objectives"].description))
+    for key in ("trials", "batch", "seed"):
+        yield line(f"  #   {key}: {fields[key].default}", str(fields[key].description))
 
 
 def study_schema() -> dict[str, Any]:

@@ -25,6 +25,7 @@ from nhpocp.study.optimisation import Level, Optimisation, Quantity, optimisatio
 from nhpocp.study.schema import StudyData, StudyFileData
 
 MOST_RUNS = 10_000_000
+INSIDE = -1  # of a range: at no end, and no whole number
 AXES, OVER = "study.axes.", "study.optimise.over."
 _PATH = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*|\[\d+\])*")
 _GIVEN_BY = re.compile(r" \(given by --set ([^)]*)\)")
@@ -255,7 +256,9 @@ def _check_values(study: Study, data: Any, place: Place) -> None:
             for level, value in _tried(study, path, axis):
                 if value != first[path]:
                     where = _place_of(block, axis, level)
-                    wrong += _mistakes(study, {**first, path: value}, study.solvers[0], where)
+                    inside = "; two numbers are a range, three or more are choices" if level == INSIDE else ""
+                    mistakes = _mistakes(study, {**first, path: value}, study.solvers[0], where)
+                    wrong += [each.changed(note=inside) for each in mistakes]
     if not wrong and study.optimise:
         wrong += _unknown_objectives(study, study.optimise)
     if wrong:
@@ -263,14 +266,14 @@ def _check_values(study: Study, data: Any, place: Place) -> None:
 
 
 def _tried(study: Study, path: str, axis: Any) -> Iterator[tuple[int | None, Any]]:
-    """Values to try, and their places in the list that the file has."""
+    """Values to try, and their places in the list that the file has; `INSIDE` of a range."""
     if isinstance(axis, list):
         yield from enumerate(axis)
         variables = study.optimise.variables if study.optimise else ()
         for variable in variables:
-            if variable.path == path and variable.is_range:  # what no whole number is, somewhere inside
+            if variable.path == path and variable.is_range:
                 least, most = variable.values
-                yield None, least + (most - least) / 2**0.5
+                yield INSIDE, least + (most - least) / 2**0.5
     else:
         factor = next(factor for factor in study.design.factors if path in factor.paths)
         values = [level[factor.paths.index(path)] for level in factor.levels]
@@ -289,7 +292,7 @@ def _unknown_objectives(study: Study, optimise: Optimisation) -> Iterator[Invali
 
 
 def _place_of(block: str, axis: Any, level: int | None) -> str:
-    return block if level is None or not isinstance(axis, list) else f"{block}[{level}]"
+    return block if level in (None, INSIDE) or not isinstance(axis, list) else f"{block}[{level}]"
 
 
 def _mistakes(
