@@ -198,8 +198,8 @@ def _row(study: Study, run: int, solution: Solution, seconds: float, tries: int)
         for name, values in solution.trajectory.items()
         if (known := margin(name)) and known.kind == "sigma"
     }
-    moving = [block.name for part, block in solution.problem.quantities if part in ("input", "output")]
-    extremes = {name: _extremes(solution.trajectory[name]) for name in moving}
+    moving = {block.name for part, block in solution.problem.quantities if part in ("input", "output")}
+    extremes = {name: _extremes(values) for name, values in solution.trajectory.items() if name in moving}
     verify_s = solution.timing.get("verify_s", 0.0)
     return _as_row(
         run=run,

@@ -117,6 +117,12 @@ class Store:
                     "this store is of another study, or of an older text of this one; -o names another folder"
                 )
                 raise InvalidProblemError(words, file=str(self.file))
+            last = connection.execute("SELECT max(run) FROM runs").fetchone()[0] or 0
+            if last > len(study):
+                words = (
+                    f"run {last} is stored, of {len(study)}; --resume takes as many trials as before, or more"
+                )
+                raise InvalidProblemError(words, file=str(self.file))
             newer = [("runs", str(len(study))), ("study", study.text)]  # more trials may be asked for
             connection.executemany("INSERT OR REPLACE INTO study VALUES (?, ?)", newer)
             return

@@ -177,7 +177,8 @@ def read_study_text(text: str, file: str | None = None, problem_text: str | None
         optimise = optimisation_of(data.optimise) if data.optimise else None
         study = Study(data.name or stem, text, text_of, named, design, solvers, data.order, optimise)
         if len(study) > MOST_RUNS:
-            raise InvalidProblemError(f"{len(study)} runs; expected {MOST_RUNS} at most", path="study.axes")
+            many = "study.optimise.trials" if optimise else "study.axes"
+            raise InvalidProblemError(f"{len(study)} runs; expected {MOST_RUNS} at most", path=many)
     except InvalidProblemError as error:
         raise error if error.file else place.error([error, *error.others]) from None
     if problem_text is None:

@@ -240,6 +240,8 @@ def test_neither_workers_nor_stops_change_the_trials(pretend, tmp_path, monkeypa
     tally, parameters = swept(made, folder, resume=True)
     assert (parameters, tally.stored, len(tally.trials)) == (whole, 40, 20)
     (folder / optimiser.FILE).unlink()  # made again from what it is made of
+    with pytest.raises(InvalidProblemError, match="run 40 is stored, of 20; --resume takes as many trials"):
+        swept(study(TEXT.replace("20", "10")), folder, resume=True)
     tally, parameters = swept(study(TEXT.replace("20", "22")), folder, resume=True)
     assert (parameters[:40], tally.done, len(parameters)) == (whole, 4, 44)
 
