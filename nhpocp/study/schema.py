@@ -176,9 +176,7 @@ class OptimiseData(Strict):
         description="made least, or {max: NAME} greatest: costs, margins, speeds"
     )
     trials: Count = Field(default=100, description="points that are proposed")
-    batch: Count = Field(
-        default=4, description="trials proposed at a time; more workers than this have nothing to do"
-    )
+    batch: Count = Field(default=4, description="trials proposed at a time, for about as many workers")
     seed: Whole = Field(default=0, description="of the optimiser")
 
 
