@@ -15,6 +15,7 @@ from nhpocp.study.design import plain
 from nhpocp.study.schema import OptimiseData
 from nhpocp.systems.margins import margin
 
+HORIZON = "horizon"  # of a problem; what the objective `time` costs
 Row = Mapping[str, Any]  # of a store
 Level = tuple[Any, ...]  # a value for each key that is optimised over
 
@@ -61,8 +62,10 @@ class Quantity:
         return min(values) if self.kind == "least" else max(values)
 
     def _of_part(self, row: Row, part: str) -> float | None:
-        if self.kind == "cost":
-            value = json.loads(row["solved_control"] or "{}").get("horizon") if part == "time" else row[part]
+        if part == HORIZON:
+            value = json.loads(row["solved_control"] or "{}").get(part)
+        elif self.kind == "cost":
+            value = row[part]
         elif self.kind == "least" and margin(part):
             value = json.loads(row["margins"] or "{}").get(part)
         else:
@@ -73,7 +76,8 @@ class Quantity:
 
 def quantities(problem: PlanningProblem) -> dict[str, Quantity]:
     """By name what designs can be compared by: costs, margins, limits of one number, and greatest magnitudes."""
-    costs = {objective.name: Quantity("cost", (objective.name,)) for objective in available(problem.system)}
+    stored = [cost.name for cost in available(problem.system) if cost.of_motion]
+    costs = {name: Quantity("cost", (name,)) for name in stored}
     margins, peaks, limits = {}, {}, {}
     for part, block in problem.quantities:
         if (known := margin(block.name)) and known.kind == "sigma":
@@ -84,7 +88,8 @@ def quantities(problem: PlanningProblem) -> dict[str, Quantity]:
         if kind.shape == "number" and not kind.lacking(problem.system):
             parts = tuple(bound.quantity for bound in kind.bounds(1.0, problem.system))
             limits[key] = Quantity("least" if kind.side == "min" else "peak", parts)
-    return {**peaks, **limits, **margins, **costs, "horizon": Quantity("cost", ("time",))}
+    duration = Quantity("cost", (HORIZON,))
+    return {**peaks, **limits, **margins, **costs, "time": duration, HORIZON: duration}
 
 
 @dataclass(frozen=True)

@@ -79,9 +79,8 @@ class Study:
         """The values of the first run; where trials are still to be proposed, the first values that a file gives."""
         if not self.optimise:
             return self.parameters(1)
-        return self.proposed([tuple(variable.values[0] for variable in self.optimise.variables)]).parameters(
-            1
-        )
+        level = tuple(variable.values[0] for variable in self.optimise.variables)
+        return self.proposed([level]).parameters(1)
 
     @cached_property
     def quantities(self) -> dict[str, Quantity]:

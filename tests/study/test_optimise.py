@@ -166,7 +166,7 @@ def test_what_the_objectives_are_read_from():
         ("least", ("sigma_s", "sigma_w")),
         ("peak", ("u",)),
         ("peak", ("leg_lengths",)),
-        ("cost", ("time",)),
+        ("cost", ("horizon",)),
         ("least", ("sigma_s",)),
     ]
     row = {
