@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
+from click.core import ParameterSource
 
 from nhpocp.cli.exit_status import NOT_SOLVED, SOLVED
 from nhpocp.cli.options import json_option, load, set_option
@@ -136,9 +137,14 @@ def _pictures(solution: Solution, folder: Path) -> None:
 
 
 @click.command(epilog="Exit status: 0 if every run is solved and verified, else 1.")
-@click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="FILE...|DIR...")
+@click.argument(
+    "files", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="FILE...|DIR...|STORE"
+)
 @click.option(
-    "--from", "stored", is_flag=True, help="The arguments are solution folders: write the report again."
+    "--from",
+    "stored",
+    is_flag=True,
+    help="The arguments are solution folders, or the argument is a study's store: write the report again.",
 )
 @click.option(
     "--variant",
@@ -155,10 +161,12 @@ def _pictures(solution: Solution, folder: Path) -> None:
     type=click.Path(path_type=Path),
     default=Path("results"),
     show_default=True,
-    help="Where the report and the solutions go.",
+    help="Where the report and the solutions go; of a study's store: default beside it.",
 )
 @json_option
+@click.pass_context
 def compare(
+    context: click.Context,
     files: tuple[Path, ...],
     stored: bool,
     variants: tuple[str, ...],
@@ -176,6 +184,13 @@ def compare(
         raise click.UsageError("--from solves nothing: leave out --variant, --only and --set")
     if only and not variants:
         raise click.UsageError("--only solves the variants alone: say some with --variant")
+    if stored and any(file.is_file() for file in files):
+        if len(files) > 1:
+            raise click.UsageError("--from takes one study's store, or solution folders")
+        from nhpocp.cli.sweeping import report_again
+
+        chosen = context.get_parameter_source("output") is not ParameterSource.DEFAULT
+        return report_again(files[0], output if chosen else None, as_json)
     with _keeping() as interruption:
         from nhpocp.comparison_folder import load_comparison, write_comparison
 

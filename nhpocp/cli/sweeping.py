@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import os
+import shlex
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -41,12 +42,14 @@ STORE = "study.sqlite"
 )
 @json_option
 def sweep(file: Path, workers: int | None, resume: bool, output: Path | None, as_json: bool) -> int:
-    """Run a study: many problems, one row each in an SQLite file.
+    """Run a study: many problems, one row each in an SQLite file, and a report.
 
     Rows are stored as runs finish. After Ctrl-C, or whatever else stops it, --resume goes on. A study with `optimise`
-    looks for the best design: Optuna (extra `design`) proposes trials, and the best are shown.
+    looks for the best design: Optuna (extra `design`) proposes trials, and the best are shown. At the end report.html
+    and comparison.tex, for LaTeX, are written beside the store; `nhpocp compare --from STUDY.sqlite` does it again.
     """
     from nhpocp.solution_folder import folder_name
+    from nhpocp.study.report import check_home
     from nhpocp.study.store import Store
     from nhpocp.study.study import read_study
     from nhpocp.study.sweep import sweep as run_all
@@ -57,46 +60,98 @@ def sweep(file: Path, workers: int | None, resume: bool, output: Path | None, as
         from nhpocp.study.optimiser import check_place
 
         check_place(folder / STORE, resume)
+    check_home(folder)
     # before and after the runs there is nothing to stop: all that has ended is stored
     with Interruption(patient=True), Store.create(folder / STORE, study, resume) as store:
         with _live(as_json, study) as show:
             tally = run_all(study, store, workers or os.cpu_count() or 1, show)
         outcomes, first = store.outcomes(), store.failed()
     optimum = Optimum.of(study.optimise, tally.trials) if study.optimise else None
-    if as_json:
-        put(
-            {
-                "store": str(store.file),
-                "report": None,
-                "runs": tally.runs,
-                "converged": tally.converged,
-                "failed": tally.failed,
-                "seconds": tally.seconds,
-                **(optimum.to_json() if optimum else {}),
-            }
-        )
-    else:
-        _summary(tally, outcomes, store.file, first, optimum)
     if tally.stopped:
         say(f"stopped by hand; {tally.stored} of {tally.runs} runs are stored, --resume runs the others")
+    report = _report(store.file, folder, as_json)
+    if as_json:
+        numbers = tally.runs, tally.converged, tally.failed, tally.seconds
+        _put(store.file, report, *numbers, **(optimum.to_json() if optimum else {}))
+    else:
+        _summary(tally, outcomes, store.file, report, first, optimum)
     if optimum:
         return SOLVED if tally.stored == tally.runs and optimum.front else NOT_SOLVED
     return SOLVED if tally.converged == tally.runs else NOT_SOLVED
 
 
-def _summary(
-    tally: Tally, outcomes: dict[str, int], store: Path, first: int | None, optimum: Optimum | None
+def report_again(store: Path, home: Path | None, as_json: bool) -> int:
+    """The report of a stored study, beside its store or in ``home``."""
+    from nhpocp.study.store import Store
+
+    with Store.open(store) as opened:
+        runs, outcomes = int(opened.facts["runs"]), opened.outcomes()
+    stored, solved = sum(outcomes.values()), outcomes.get("converged", 0)
+    report = _report(store, home or store.parent, as_json)
+    if as_json:
+        _put(store, report, runs, solved, stored - solved, None)
+    else:
+        tell(_counted(outcomes, runs))
+        if report:
+            tell(f"report: {report}")
+    return SOLVED if solved == runs else NOT_SOLVED
+
+
+def _report(store: Path, home: Path, quiet: bool) -> Path | None:
+    """Where the report is; without one a warning says why."""
+    from nhpocp.cli.progress import progress
+    from nhpocp.study.report import PAGE, write_report
+
+    with progress(quiet, "writing the report"):
+        why = write_report(store, home)
+    if why:
+        say(
+            f"warning: the report could not be written ({why}); "
+            f"`nhpocp compare --from {shlex.quote(str(store))}` writes it"
+        )
+    return None if why else home / PAGE
+
+
+def _put(
+    store: Path, report: Path | None, runs: int, solved: int, failed: int, seconds: float | None, **more: Any
 ) -> None:
-    endings = ", ".join(f"{count} {name}" for name, count in outcomes.items() if name != "converged")
-    tell(
-        f"{tally.stored} of {tally.runs} runs: {tally.converged} solved and verified"
-        + (f", {tally.failed} failed ({endings})" if endings else "")
+    put(
+        {
+            "store": str(store),
+            "report": None if report is None else str(report),
+            "runs": runs,
+            "converged": solved,
+            "failed": failed,
+            "seconds": seconds,
+            **more,
+        }
     )
+
+
+def _counted(outcomes: dict[str, int], runs: int) -> str:
+    """How many runs are stored, and how they ended."""
+    endings = ", ".join(f"{count} {name}" for name, count in outcomes.items() if name != "converged")
+    stored, solved = sum(outcomes.values()), outcomes.get("converged", 0)
+    failed = f", {stored - solved} failed ({endings})" if endings else ""
+    return f"{stored} of {runs} runs: {solved} solved and verified{failed}"
+
+
+def _summary(
+    tally: Tally,
+    outcomes: dict[str, int],
+    store: Path,
+    report: Path | None,
+    first: int | None,
+    optimum: Optimum | None,
+) -> None:
+    tell(_counted(outcomes, tally.runs))
     tell(f"{tally.done} runs in {tally.seconds:.1f} s, {tally.rate:.3g} a second")
     tell(f"store: {store}")
     if optimum:
         for line in optimum.lines():
             tell(line)
+    if report:
+        tell(f"report: {report}")
     tell(f"next: nhpocp export {store} --format csv")
     if optimum and optimum.front:
         first = optimum.front[0].runs[0]

@@ -35,9 +35,9 @@ COMPARISON = (
 )  # beside the folders of the problems
 # what stands near the beginning or the end of such a file of ours, the first version's included; a table's is its head
 SIGNED = {
-    "report.html": (b'content="nhpocp compare"', b"dl.facts { display: grid;"),
+    "report.html": (b'content="nhpocp compare"', b'content="nhpocp sweep"', b"dl.facts { display: grid;"),
     "comparison.csv": (b"name,solver,variant,",),
-    "comparison.tex": (b"% nhpocp compare",),
+    "comparison.tex": (b"% nhpocp compare", b"% nhpocp sweep"),
     "comparison.json": (b'"schema_version"',),
     "animation.html": (b"nhpocp animate",),
 }

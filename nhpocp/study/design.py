@@ -18,10 +18,11 @@ END = "goal."  # keys below it can be changed without a new problem
 
 @dataclass(frozen=True)
 class Factor:
-    """Axes whose values change together: at each of its levels, one value an axis."""
+    """Axes whose values change together: at each of its levels, one value an axis. drawn: rather than chosen."""
 
     paths: tuple[str, ...]
     levels: tuple[tuple[Any, ...], ...]
+    drawn: bool = False
 
     @property
     def size(self) -> int:
@@ -84,10 +85,17 @@ class Design:
     def point(self, index: int) -> dict[str, Any]:
         """The values of one point by the paths of the axes."""
         values: dict[str, Any] = {}
+        for factor, level in zip(self.factors, self.places(index), strict=True):
+            values |= zip(factor.paths, factor.levels[level], strict=True)
+        return values
+
+    def places(self, index: int) -> list[int]:
+        """Which level of each factor a point has."""
+        places = []
         for factor in reversed(self.factors):
             index, level = divmod(index, factor.size)
-            values = dict(zip(factor.paths, factor.levels[level], strict=True)) | values
-        return values
+            places.append(level)
+        return places[::-1]
 
 
 def design_of(data: StudyData) -> Design:
@@ -111,7 +119,7 @@ def design_of(data: StudyData) -> Design:
         factors.append(_drawn(axes, sampling, count, seed))
     factors.sort(key=lambda factor: factor.of_goal)
     if data.optimise:
-        factors.insert(0, Trials(tuple(data.optimise.over), (), most=data.optimise.trials))
+        factors.insert(0, Trials(tuple(data.optimise.over), (), drawn=True, most=data.optimise.trials))
     return Design(tuple(factors))
 
 
@@ -153,7 +161,7 @@ def _drawn(axes: Mapping[str, SpreadData], sampling: str, count: int, seed: int)
         tuple(_between(axis, float(share)) for axis, share in zip(axes.values(), row, strict=True))
         for row in shares
     )
-    return Factor(tuple(axes), levels)
+    return Factor(tuple(axes), levels, drawn=True)
 
 
 def _shares(sampling: str, count: int, dimensions: int, seed: int) -> Array:

@@ -231,6 +231,21 @@ class Store:
             entry = self._connection.execute(query, [run]).fetchone()
             return entry[0] if entry else None
 
+    @contextmanager
+    def snapshot(self) -> Iterator[None]:
+        """Within it the store is read as it is now, whatever a sweep adds meanwhile."""
+        with _told(self.file):
+            self._connection.execute("BEGIN")
+            try:
+                yield
+            finally:
+                self._connection.rollback()
+
+    def select(self, query: str, values: Iterable[Any] = ()) -> Iterator[tuple[Any, ...]]:
+        """What SQL answers to ``SELECT`` and the query, a row at a time; SQLite sorts what does not fit in memory."""
+        with _told(self.file):
+            yield from self._connection.execute(f"SELECT {query}", tuple(values))
+
     def close(self) -> None:
         with suppress(sqlite3.Error):
             self._connection.close()

@@ -165,9 +165,7 @@ def read_study_text(text: str, file: str | None = None, problem_text: str | None
     except ValidationError as error:
         raise place.error(translate(error, StudyFileData)) from None
     try:
-        named, text_of = _problem(data.problem, file)
-        if problem_text is not None:
-            text_of = problem_text
+        named, text_of = _problem(data.problem, file, problem_text)
         _check_paths(data)
         solvers = tuple(dict.fromkeys(data.solvers))
         _check_solvers(solvers)
@@ -185,11 +183,16 @@ def read_study_text(text: str, file: str | None = None, problem_text: str | None
     return study
 
 
-def _problem(given: Any, file: str | None) -> tuple[str | None, str]:
-    """The name and the text of the problem. Errors: `InvalidProblemError`, in the problem file where there is one."""
+def _problem(given: Any, file: str | None, text: str | None) -> tuple[str | None, str]:
+    """The name and the text of the problem; ``text``: what is known of it already, and then not read.
+
+    Errors: `InvalidProblemError`, in the problem file where there is one.
+    """
     if isinstance(given, dict):
-        return None, dumping.write_data({"nhpocp": 1, **given})
+        return None, dumping.write_data({"nhpocp": 1, **given}) if text is None else text
     path = Path(file or "").parent / given
+    if text is not None:
+        return str(path), text
     try:
         return str(path), documents.read_file(path)
     except InvalidProblemError as error:

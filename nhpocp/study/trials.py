@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from nhpocp.study.optimisation import Objective
+from nhpocp.study.optimisation import Level, Objective
 from nhpocp.study.store import Store
 from nhpocp.study.study import Study
 
@@ -43,6 +43,17 @@ def evaluated(study: Study, store: Store, number: int) -> Trial:
     parameters = json.loads(rows[0]["parameters"])
     point = {path: parameters[path] for path in study.design.factors[0].paths}
     return Trial(number, point, runs, failed, tuple(values))
+
+
+def known(study: Study, store: Store) -> Study:
+    """An optimised study with the trials of which its store has a run; of one between that it has not, None."""
+    points: dict[int, Level] = {}
+    for row in store.rows():
+        parameters = json.loads(row["parameters"])
+        trial = (row["run"] - 1) // len(study.runs_of_trial(1))
+        points.setdefault(trial, tuple(parameters[path] for path in study.design.factors[0].paths))
+    nothing = (None,) * len(study.design.factors[0].paths)
+    return study.proposed([points.get(trial, nothing) for trial in range(max(points, default=-1) + 1)])
 
 
 def front(trials: Iterable[Trial], objectives: Sequence[Objective]) -> list[Trial]:

@@ -1,4 +1,4 @@
-r"""A comparison as a table for LaTeX, ruled as booktabs does: what `\input{comparison}` puts into a paper."""
+r"""A comparison or a study as a table for LaTeX, as booktabs rules it: `\input{comparison}` puts it into a paper."""
 
 from __future__ import annotations
 
@@ -6,14 +6,16 @@ import math
 import re
 import unicodedata
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 from nhpocp.comparison import Comparison, Group
 from nhpocp.objectives.registry import OBJECTIVES
-from nhpocp.views.report_words import control_symbol, titles
+from nhpocp.survey import Survey
+from nhpocp.views.report_words import control_symbol, run_names, titles
 
-MARKER = "% nhpocp compare"
-HEAD = MARKER + r": \input this file in a table; the preamble needs \usepackage{booktabs}" + "\n"
+MARKER = "% nhpocp "
+HEAD = r": \input this file in a table; the preamble needs \usepackage{booktabs}"
 MISSING = "--"
 _SPECIAL = {
     "\\": r"\textbackslash{}",
@@ -75,11 +77,7 @@ def latex_table(comparison: Comparison) -> str:
     where each has one."""
     groups = comparison.groups
     columns = _columns(groups, comparison.rows())
-    lines = [
-        HEAD + rf"\begin{{tabular}}{{@{{}}{''.join(column.align for column in columns)}@{{}}}}",
-        r"\toprule",
-    ]
-    lines.append(_row([column.head for column in columns]))
+    lines = []
     alone = len(groups) > 1 and all(len(group.entries) == 1 for group in groups)
     for i, group in enumerate(groups):
         lines += [] if i and alone else [r"\midrule"]
@@ -88,7 +86,63 @@ def latex_table(comparison: Comparison) -> str:
         names = [group.title] if alone else _short(titles(group.entries))
         for name, row in zip(names, Comparison(group.entries).rows(), strict=True):
             lines.append(_row([column.cell({**row, "title": name}) for column in columns]))
-    return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", ""])
+    return _tabular("compare", columns, lines)
+
+
+def study_table(survey: Survey) -> str:
+    """The solvers of a study as one `tabular`, a row each: shares, medians of the solved runs and, where there are
+    several, shifted geometric means."""
+    measured = {quantity.kind: quantity.name for quantity in survey.quantities}
+    kinds = [(kind, measured[kind]) for kind in HEADS if kind in measured]
+    heads = {
+        **HEADS,
+        "cost": cost_mathematics(OBJECTIVES[survey.cost].symbol, control_symbol(survey.problem)),
+    }
+    columns = [
+        _Column("solver", "l", lambda row: escaped(row["name"])),
+        _Column("runs", "r", lambda row: number(row["stored"], 15)),
+        _Column(r"solved [\%]", "r", lambda row: _percent(row["share"], 1)),
+        *(_Column(heads[kind], "r", partial(_cell, name)) for kind, name in kinds),
+        *(
+            _Column(
+                rf"mean {heads[kind]} ($s={number(survey.profiles[name].shift).strip('$')}$)",
+                "r",
+                partial(_cell, f"mean {name}"),
+            )
+            for kind, name in kinds
+            if name in survey.profiles
+        ),
+    ]
+    lines = [r"\midrule"]
+    for k, (name, label) in enumerate(zip(_short(run_names(survey.solvers)), survey.solvers, strict=True)):
+        stored, solved = survey.tallies[label]
+        row = {"name": name, "stored": stored, "share": solved / stored if stored else None}
+        row |= {which: survey.spreads[which][label].at(0.5) for _, which in kinds}
+        row |= {f"mean {which}": profile.means[k] for which, profile in survey.profiles.items()}
+        lines.append(_row([column.cell(row) for column in columns]))
+    return _tabular("sweep", columns, lines)
+
+
+HEADS = {"cost": "", "error": r"$\mathcal{E}$", "evaluations": "evaluations", "seconds": "time [s]"}
+
+
+def _cell(name: str, row: Mapping[str, Any]) -> str:
+    return number(row[name], 3)
+
+
+def _tabular(verb: str, columns: Sequence[_Column], lines: Sequence[str]) -> str:
+    return "\n".join(
+        [
+            MARKER + verb + HEAD,
+            rf"\begin{{tabular}}{{@{{}}{''.join(column.align for column in columns)}@{{}}}}",
+            r"\toprule",
+            _row([column.head for column in columns]),
+            *lines,
+            r"\bottomrule",
+            r"\end{tabular}",
+            "",
+        ]
+    )
 
 
 def _short(names: Sequence[str]) -> list[str]:
@@ -118,8 +172,8 @@ def _columns(groups: Sequence[Group], rows: Sequence[Mapping[str, Any]]) -> list
     ]
 
 
-def _percent(share: float | None) -> str:
-    return MISSING if share is None else f"{100 * share + 0.0:.2f}"
+def _percent(share: float | None, places: int = 2) -> str:
+    return MISSING if share is None else f"{100 * share + 0.0:.{places}f}"
 
 
 def _seconds(row: Mapping[str, Any]) -> float:
@@ -128,12 +182,13 @@ def _seconds(row: Mapping[str, Any]) -> float:
 
 def _cost(groups: Sequence[Group]) -> str:
     """The objective as mathematics, where all problems have the same."""
-    symbols = {
-        OBJECTIVES[g.problem.objective].symbol.format(control=control_symbol(g.problem)) for g in groups
-    }
-    if len(symbols) != 1:
-        return "cost"
-    (text,) = symbols
+    symbols = {(OBJECTIVES[g.problem.objective].symbol, control_symbol(g.problem)) for g in groups}
+    return cost_mathematics(*symbols.pop()) if len(symbols) == 1 else "cost"
+
+
+def cost_mathematics(symbol: str, control: str) -> str:
+    """A cost as mathematics, or as words where it is none."""
+    text = symbol.format(control=control)
     if not text.startswith("∫"):
         return escaped(text)
     return f"${_PIECE.sub(_mathematics, unicodedata.normalize('NFD', text))}$"

@@ -10,13 +10,14 @@ from typing import Any
 from nhpocp.comparison import Comparison, Entry, Group
 from nhpocp.views import report_tables as tables
 from nhpocp.views import report_words as words
-from nhpocp.views.overlays import Overlay, overlays
+from nhpocp.views.overlays import WIDTH, Overlay, overlays
 from nhpocp.views.page import filled
 from nhpocp.views.readout import readout
 from nhpocp.views.svg import inline_svg
 from nhpocp.whole import write_text
 
 TEMPLATE = "report.html.jinja"
+COLUMN = 59  # rem: the width of the page's text
 
 
 def write_report(
@@ -44,7 +45,7 @@ def render(comparison: Comparison, animations: Mapping[str, str] | None = None) 
         sections=sections,
         notes=comparison.notes,
         summary=tables.summary(sections) if len(sections) > 1 else None,
-        machines=tables.machines(comparison.entries),
+        machines=tables.versions([entry.machine for entry in comparison.entries]),
     )
 
 
@@ -65,7 +66,7 @@ def _section(group: Group, place: int) -> dict[str, Any]:
         "failures": [(name, entry.solution.outcome.value, _reasons(entry)) for name, entry in failed],
         "warnings": [(name, told) for name, entry in named if (told := _warnings(entry))],
         "figures": [
-            _figure(overlay, f"p{place + 1}-{overlay.name}", names)
+            embedded(overlay, f"p{place + 1}-{overlay.name}", ", ".join(names))
             for overlay in overlays(group.entries, names)
         ],
         "limits": words.limits(group),
@@ -85,12 +86,22 @@ def _sources(group: Group, names: Sequence[str]) -> list[tuple[str, str]]:
     return known if len(every) > 1 else [("", source) for _, source in known]
 
 
-def _figure(overlay: Overlay, prefix: str, names: Sequence[str]) -> dict[str, Any]:
-    """A picture of the page, and its numbers for the page's script where curves run over time or iterations."""
-    description = f"{overlay.title} of {', '.join(names)}. {overlay.caption.striptags()}"
+def embedded(overlay: Overlay, prefix: str, of: str) -> dict[str, Any]:
+    """A picture of a page, and its numbers for the page's script where curves run over time or iterations.
+
+    prefix: of its ids; of: what it is a picture of, for those who do not see it.
+    """
+    description = f"{overlay.title} of {of}. {overlay.caption.striptags()}"
     svg = inline_svg(overlay.figure, prefix, description)  # lays the figure out
     numbers = readout(overlay.figure, overlay.abscissa) if overlay.abscissa else None
-    return {"title": overlay.title, "caption": overlay.caption, "svg": svg, "readout": numbers}
+    share = min(1.0, overlay.figure.get_figwidth() / WIDTH)
+    return {
+        "title": overlay.title,
+        "caption": overlay.caption,
+        "svg": svg,
+        "readout": numbers,
+        "width": None if share > 0.99 else round(COLUMN * share, 1),
+    }
 
 
 def _reasons(entry: Entry) -> list[str]:

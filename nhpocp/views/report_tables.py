@@ -155,10 +155,10 @@ def summary(sections: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     return lines
 
 
-def machines(entries: Sequence[Entry]) -> list[tuple[str, list[str]]]:
-    """Versions and machine; several values where the runs come from several machines."""
-    keys = dict.fromkeys(key for entry in entries for key in entry.machine)
+def versions(machines: Sequence[Mapping[str, Any]]) -> list[tuple[str, list[str]]]:
+    """Versions and machine of runs; several values where the runs come from several machines."""
+    keys = dict.fromkeys(key for machine in machines for key in machine)
     return [
-        (key, list(dict.fromkeys(str(entry.machine[key]) for entry in entries if key in entry.machine)))
+        (key, list(dict.fromkeys(str(machine[key]) for machine in machines if key in machine)))
         for key in keys
     ]

@@ -59,9 +59,12 @@ def percent(value: float | None) -> Markup:
 
 def titles(entries: Sequence[Entry]) -> list[str]:
     """How the runs are called in words: `nlp:control=basis` is NLP (control = basis); only what differs is said."""
-    parts = [
-        variant_label.parts(label) for label in variant_label.distinct(entry.variant for entry in entries)
-    ]
+    return run_names([entry.variant for entry in entries])
+
+
+def run_names(labels: Sequence[str]) -> list[str]:
+    """How runs of these variants are called in words."""
+    parts = [variant_label.parts(label) for label in variant_label.distinct(labels)]
     names = [(METHODS.get(name, name), ", ".join(map(_setting, settings))) for name, settings in parts]
     return [f"{name} ({rest})" if rest else name for name, rest in names]
 

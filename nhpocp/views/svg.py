@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 
 from nhpocp.views.style import sheet
 
+IMAGES = 200  # dots per inch of what is no line: dense clouds and maps
 _NUMBER = re.compile(r"-?\d+\.\d{3,}")
 
 
@@ -17,7 +18,7 @@ def inline_svg(figure: Figure, prefix: str, description: str) -> Markup:
     """The figure as an <svg> element that fills its container; ``description`` is read to those who do not see it."""
     stream = StringIO()
     with sheet():
-        figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None})
+        figure.savefig(stream, format="svg", dpi=IMAGES, metadata={"Date": None, "Creator": None})
     text = stream.getvalue()
     text = text[text.index("<svg") :]
     text = re.sub(r"<metadata>.*?</metadata>|<style.*?</style>|<!--.*?-->", "", text, flags=re.DOTALL)

@@ -6,7 +6,8 @@ How the blocks of a page are read, one page in one folder of its own in which pr
   which status it ends with; 0 without.
 - ``text`` right behind another block: lines that its output has, ``…`` standing for anything.
 - ``python``: run; nothing it prints is False.
-- ``yaml``: a whole problem. ``yaml fragment``: its keys replace those of problems/paper.yaml; both are checked.
+- ``yaml``: a whole problem, or a study. ``yaml fragment``: its keys replace those of problems/paper.yaml; both are
+  checked.
 - a file's name behind ``yaml`` or ``python``: the block is also that file, for the commands below it.
 - ``plugin`` at the end: part of a package that has to be installed first; `test_template` does.
 """
@@ -30,6 +31,7 @@ import nhpocp
 from nhpocp.cli.entry import cli, status
 from nhpocp.outcome import Outcome
 from nhpocp.problem_file import read_text
+from nhpocp.study.study import read_study_text
 from tests.program import test_floors
 
 ROOT = Path(__file__).parents[2]
@@ -80,6 +82,8 @@ def test_what_a_page_shows_happens(page, folder):
             said = "".join(obeyed(line) for line in lines if line.strip())
         elif block.language == "python":
             said = executed(block.text)
+        elif block.language == "yaml" and "\nstudy:" in block.text:
+            read_study_text(block.text, page)
         elif block.language == "yaml":
             assert read_text(problem_of(block), page).warnings == []
         elif block.language == "text":

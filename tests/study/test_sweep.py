@@ -106,8 +106,11 @@ def test_a_row_a_run(swept):
     folder, status, out, errors = swept
     said = json.loads(out)
     assert (status, errors) == (0, "")
+    home = folder / "results" / "corners"
     assert said == {**said, "store": "results/corners/study.sqlite", "runs": 12, "converged": 12, "failed": 0}
-    assert [path.name for path in (folder / "results" / "corners").iterdir()] == ["study.sqlite"]
+    assert said["report"] == "results/corners/report.html"
+    assert {path.name for path in home.iterdir()} == {"study.sqlite", "report.html", "comparison.tex"}
+    assert "12 runs: 12 solved and confirmed" in (home / "report.html").read_text(encoding="utf-8")
     with sqlite3.connect(folder / said["store"]) as connection:
         assert connection.execute("PRAGMA journal_mode").fetchone() == ("wal",)
         query = 'SELECT run, "goal.x", "goal.theta", outcome, converged FROM runs ORDER BY run'
