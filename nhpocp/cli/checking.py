@@ -34,7 +34,8 @@ def check(files: tuple[Path, ...], overrides: tuple[str, ...], as_json: bool) ->
                 study = _study(file, overrides)
                 checked.append({"file": str(file), "ok": True, "warnings": [], "study": study})
                 if not as_json:
-                    tell(f"{file}: ok, {study['runs']} runs")
+                    trials = f"{study['trials']} trials, " if "trials" in study else ""
+                    tell(f"{file}: ok, {trials}{study['runs']} runs")
                 continue
             document = read(file, overrides)
         except InvalidProblemError as error:
@@ -69,7 +70,13 @@ def _study(file: Path, overrides: tuple[str, ...]) -> dict[str, Any]:
     if overrides:
         raise InvalidProblemError("--set changes a problem file; change a study's own text", file=str(file))
     study = read_study(file)
-    levels = {path: len(factor.levels) for factor in study.design.factors for path in factor.paths}
+    levels = {
+        path: len(factor.levels)
+        for factor in study.design.factors
+        if factor is not study.design.trials
+        for path in factor.paths
+    }
+    trials = {"trials": study.optimise.trials} if study.optimise else {}
     return {
         "name": study.name,
         "problem": study.problem_file,
@@ -78,6 +85,7 @@ def _study(file: Path, overrides: tuple[str, ...]) -> dict[str, Any]:
         "solvers": list(study.solvers),
         "order": study.order,
         "runs": len(study),
+        **trials,
     }
 
 

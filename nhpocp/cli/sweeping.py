@@ -8,23 +8,28 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from nhpocp.cli.exit_status import NOT_SOLVED, SOLVED
+from nhpocp.cli.optimum import Optimum
 from nhpocp.cli.options import json_option
 from nhpocp.cli.terminal import console, put, say, tell
 from nhpocp.errors import InvalidProblemError
 from nhpocp.interruption import Interruption
 
 if TYPE_CHECKING:
+    from nhpocp.study.study import Study
     from nhpocp.study.sweep import Tally
 
 STORE = "study.sqlite"
 
 
-@click.command(epilog="Exit status: 0 if every run of the study is solved and verified, else 1.")
+@click.command(
+    epilog="Exit status: 0 if every run of the study is solved and verified, or of an optimised one if all trials are "
+    "made and one has no failed run; else 1."
+)
 @click.argument("file", type=click.Path(path_type=Path), metavar="STUDY.yaml")
 @click.option(
     "--workers", type=click.IntRange(1, 1024), help="Processes, one thread each; default: one a core."
@@ -47,9 +52,9 @@ def sweep(
 ) -> int:
     """Run a study: many problems, one row each in an SQLite file, and a report.
 
-    Rows are stored as runs finish. After Ctrl-C, or whatever else stops it, --resume goes on. At the end
-    report.html and comparison.tex, a table for LaTeX, are written beside the store; `nhpocp compare
-    --from STUDY.sqlite` writes them again.
+    Rows are stored as runs finish. After Ctrl-C, or whatever else stops it, --resume goes on. A study with `optimise`
+    looks for the best design: Optuna (extra `design`) proposes trials, and the best are shown. At the end report.html
+    and comparison.tex, for LaTeX, are written beside the store; `nhpocp compare --from STUDY.sqlite` does it again.
     """
     from nhpocp.solution_folder import folder_name
     from nhpocp.study.report import check_home
@@ -60,6 +65,10 @@ def sweep(
     study = read_study(file)
     many = workers or os.cpu_count() or 1
     folder = output or Path("results") / folder_name(study.name)
+    if study.optimise:
+        from nhpocp.study.optimiser import check_place
+
+        check_place(folder / STORE, resume)
     check_home(folder)
     # before and after the runs there is nothing to stop: all that has ended is stored
     with (
@@ -67,16 +76,20 @@ def sweep(
         _dask(dask, workers) as make,
         Store.create(folder / STORE, study, resume) as store,
     ):
-        with _live(as_json, study.name) as show:
+        with _live(as_json, study) as show:
             tally = run_all(study, store, many, show, make)
         outcomes, first = store.outcomes(), store.failed()
+    optimum = Optimum.of(study.optimise, tally.trials) if study.optimise else None
     if tally.stopped:
         say(f"stopped by hand; {tally.stored} of {tally.runs} runs are stored, --resume runs the others")
     report = _report(store.file, folder, as_json)
     if as_json:
-        _put(store.file, report, tally.runs, tally.converged, tally.failed, tally.seconds)
+        numbers = tally.runs, tally.converged, tally.failed, tally.seconds
+        _put(store.file, report, *numbers, **(optimum.to_json() if optimum else {}))
     else:
-        _summary(tally, outcomes, store.file, report, first)
+        _summary(tally, outcomes, store.file, report, first, optimum)
+    if optimum:
+        return SOLVED if tally.stored == tally.runs and optimum.front else NOT_SOLVED
     return SOLVED if tally.converged == tally.runs else NOT_SOLVED
 
 
@@ -128,7 +141,7 @@ def _report(store: Path, home: Path, quiet: bool) -> Path | None:
 
 
 def _put(
-    store: Path, report: Path | None, runs: int, solved: int, failed: int, seconds: float | None
+    store: Path, report: Path | None, runs: int, solved: int, failed: int, seconds: float | None, **more: Any
 ) -> None:
     put(
         {
@@ -138,6 +151,7 @@ def _put(
             "converged": solved,
             "failed": failed,
             "seconds": seconds,
+            **more,
         }
     )
 
@@ -151,20 +165,30 @@ def _counted(outcomes: dict[str, int], runs: int) -> str:
 
 
 def _summary(
-    tally: Tally, outcomes: dict[str, int], store: Path, report: Path | None, first: int | None
+    tally: Tally,
+    outcomes: dict[str, int],
+    store: Path,
+    report: Path | None,
+    first: int | None,
+    optimum: Optimum | None,
 ) -> None:
     tell(_counted(outcomes, tally.runs))
     tell(f"{tally.done} runs in {tally.seconds:.1f} s, {tally.rate:.3g} a second")
     tell(f"store: {store}")
+    if optimum:
+        for line in optimum.lines():
+            tell(line)
     if report:
         tell(f"report: {report}")
     tell(f"next: nhpocp export {store} --format csv")
+    if optimum and optimum.front:
+        first = optimum.front[0].runs[0]
     if first is not None:
         tell(f"      nhpocp solve --from {store} --run {first}")
 
 
 @contextmanager
-def _live(quiet: bool, name: str) -> Iterator[Callable[[Tally], None] | None]:
+def _live(quiet: bool, study: Study) -> Iterator[Callable[[Tally], None] | None]:
     """A line that follows the tally on a terminal; None where nobody would see it."""
     import sys
 
@@ -180,10 +204,12 @@ def _live(quiet: bool, name: str) -> Iterator[Callable[[Tally], None] | None]:
         TimeRemainingColumn(compact=True),
     ]
     with Progress(*columns, console=console(error=True), transient=True, refresh_per_second=4) as bar:
-        task = bar.add_task(name, total=None, words="starting")
+        task = bar.add_task(study.name, total=None, words="starting")
 
         def show(tally: Tally) -> None:
             words = f"{tally.converged} solved, {tally.failed} failed, {tally.rate:.3g} a second"
+            if study.optimise and tally.trials:
+                words += f", {Optimum.of(study.optimise, tally.trials).words()}"
             bar.update(task, total=tally.runs, completed=tally.stored, words=words)
 
         yield show

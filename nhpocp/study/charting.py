@@ -24,7 +24,8 @@ _ANGLE = re.compile(r"(.*\bpi\b.*|.* deg)")
 
 def axes_of(study: Study) -> tuple[Axis, ...]:
     """The axes of a study as it writes them, those of the goal last."""
-    written = documents.parse(study.text, None).data["study"]["axes"]
+    block = documents.parse(study.text, None).data["study"]
+    written = {**(block.get("axes") or {}), **(block.get("optimise") or {}).get("over", {})}
     return tuple(
         _axis(factor, place, written[path])
         for factor in study.design.factors

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from math import ceil, exp, log, log2, prod
 from typing import Any
 
@@ -25,9 +25,33 @@ class Factor:
     drawn: bool = False
 
     @property
+    def size(self) -> int:
+        """How many levels there are."""
+        return len(self.levels)
+
+    @property
     def of_goal(self) -> bool:
         """Whether only the goal changes with it."""
         return all(path.startswith(END) for path in self.paths)
+
+
+@dataclass(frozen=True)
+class Trials(Factor):
+    """The outermost factor of a design that is optimised: a level a trial, known once it is proposed.
+
+    most: how many trials there will be, so that points have their numbers before.
+    """
+
+    most: int = 0
+
+    @property
+    def size(self) -> int:
+        return self.most
+
+    @property
+    def of_goal(self) -> bool:
+        """No: goals are innermost, trials outermost."""
+        return False
 
 
 @dataclass(frozen=True)
@@ -40,12 +64,23 @@ class Design:
     factors: tuple[Factor, ...]
 
     def __len__(self) -> int:
-        return prod(len(factor.levels) for factor in self.factors)
+        return prod(factor.size for factor in self.factors)
 
     @property
     def goals(self) -> int:
         """How many points in a row differ in their goals alone."""
-        return prod(len(factor.levels) for factor in self.factors if factor.of_goal)
+        return prod(factor.size for factor in self.factors if factor.of_goal)
+
+    @property
+    def trials(self) -> Trials | None:
+        """What an optimiser proposes."""
+        outermost = self.factors[0] if self.factors else None
+        return outermost if isinstance(outermost, Trials) else None
+
+    def proposed(self, levels: Sequence[tuple[Any, ...]]) -> Design:
+        """With the trials that are known by now."""
+        trials, *others = self.factors
+        return replace(self, factors=(replace(trials, levels=tuple(levels)), *others))
 
     def point(self, index: int) -> dict[str, Any]:
         """The values of one point by the paths of the axes."""
@@ -58,7 +93,7 @@ class Design:
         """Which level of each factor a point has."""
         places = []
         for factor in reversed(self.factors):
-            index, level = divmod(index, len(factor.levels))
+            index, level = divmod(index, factor.size)
             places.append(level)
         return places[::-1]
 
@@ -69,7 +104,7 @@ def design_of(data: StudyData) -> Design:
     together: dict[tuple[str, int, int], dict[str, SpreadData]] = {}
     for path, axis in data.axes.items():
         if isinstance(axis, list):
-            factors.append(Factor((path,), tuple((_plain(level),) for level in axis)))
+            factors.append(Factor((path,), tuple((plain(level),) for level in axis)))
         elif axis.uniform is None and axis.loguniform is None:
             factors.append(Factor((path,), tuple((value,) for value in _spread(axis))))
         else:
@@ -82,10 +117,13 @@ def design_of(data: StudyData) -> Design:
                 together.setdefault((sampling, count, seed), {})[path] = axis
     for (sampling, count, seed), axes in together.items():
         factors.append(_drawn(axes, sampling, count, seed))
-    return Design(tuple(sorted(factors, key=lambda factor: factor.of_goal)))
+    factors.sort(key=lambda factor: factor.of_goal)
+    if data.optimise:
+        factors.insert(0, Trials(tuple(data.optimise.over), (), drawn=True, most=data.optimise.trials))
+    return Design(tuple(factors))
 
 
-def _plain(level: Any) -> Any:
+def plain(level: Any) -> Any:
     """Numbers as numbers, radians where degrees were written; whatever else as it is."""
     try:
         return level if isinstance(level, int | float) else float(parse_number(level))

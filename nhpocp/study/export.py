@@ -13,7 +13,7 @@ from nhpocp.study.store import COLUMNS, Row, Store
 from nhpocp.whole import write_file
 
 CHUNK = 1000  # rows of a Parquet file at a time
-LEFT_OUT = ("parameters", "margins", "solved_control", "settings", "limits", "warnings")  # JSON
+LEFT_OUT = ("parameters", "margins", "solved_control", "settings", "extremes", "limits", "warnings")  # JSON
 
 
 def write_csv(store: Store, file: Path) -> None:

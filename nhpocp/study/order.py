@@ -23,11 +23,12 @@ class Piece:
     before: int | None = None
 
 
-def pieces(study: Study, done: set[int]) -> Iterator[Piece]:
-    """Every run that is not done, once."""
+def pieces(study: Study, done: set[int], points: range | None = None) -> Iterator[Piece]:
+    """Every run that is not done, once; ``points``: of these design points alone, all goals of each."""
+    points = range(len(study.design)) if points is None else points
     many, goals = len(study.solvers), study.design.goals
     places = _nearest(study) if study.order == "nearest" else range(goals)
-    for group in range(len(study.design) // goals):
+    for group in range(points.start // goals, points.stop // goals):
         for solver in range(many):
             numbers = ((group * goals + place) * many + solver + 1 for place in places)
             while part := list(islice(numbers, TOGETHER)):

@@ -34,20 +34,23 @@ from nhpocp.study.study import Study, changed_goal, read_problem, read_study_tex
 from nhpocp.systems.margins import margin
 from nhpocp.verification import verify, verify_many
 
-JSON = ("parameters", "margins", "limits", "warnings", "settings", "solved_control")
+JSON = ("parameters", "margins", "extremes", "limits", "warnings", "settings", "solved_control")
 
 
 @dataclass(frozen=True)
 class Source:
-    """The texts that a study is read from, wherever it is performed."""
+    """The texts that a study is read from, wherever it is performed; trials: those proposed so far, as JSON."""
 
     text: str
     file: str
     problem_text: str
+    trials: str | None = None
 
     @staticmethod
     def of(study: Study) -> Source:
-        return Source(study.text, f"{study.name}.yaml", study.problem_text)
+        trials = study.design.trials
+        levels = json.dumps(trials.levels) if trials else None
+        return Source(study.text, f"{study.name}.yaml", study.problem_text, levels)
 
 
 @dataclass(frozen=True)
@@ -74,14 +77,20 @@ class _Setting:
 
 
 @lru_cache(maxsize=2)
+def _read(text: str, file: str, problem_text: str) -> Study:
+    return read_study_text(text, file, problem_text)
+
+
+@lru_cache(maxsize=2)
 def _study(source: Source) -> Study:
-    return read_study_text(source.text, source.file, source.problem_text)
+    study = _read(source.text, source.file, source.problem_text)
+    return study.proposed([tuple(level) for level in json.loads(source.trials)]) if source.trials else study
 
 
 @lru_cache(maxsize=4)
-def _setting(source: Source, others: str, solver: str) -> _Setting:
+def _setting(problem_text: str, others: str, solver: str) -> _Setting:
     """others: the parameters that are not of the goal, as JSON."""
-    file = read_problem(source.problem_text, None, json.loads(others), solver)
+    file = read_problem(problem_text, None, json.loads(others), solver)
     problem, name = build(file), settings_of(solver)[0]
     return _Setting(
         problem.with_(pictures=False),
@@ -99,7 +108,7 @@ def performed(source: Source, job: Job) -> list[Row]:
     rows, planned = [], []
     for run in job.runs:
         try:
-            planned.append((run, *_posed(study, source, run)))
+            planned.append((run, *_posed(study, run)))
         except InvalidProblemError as error:
             rows.append(failed_row(study, run, f"{error.path}: {error.message}", job.tries))
     for run, solution, seconds in _solved(planned, job):
@@ -112,11 +121,11 @@ def performed(source: Source, job: Job) -> list[Row]:
     return rows
 
 
-def _posed(study: Study, source: Source, run: int) -> tuple[PlanningProblem, Solver]:
+def _posed(study: Study, run: int) -> tuple[PlanningProblem, Solver]:
     """The problem of a run and its solver. Errors: `InvalidProblemError`."""
     parameters, solver = study.parameters(run), study.solver(run)
     others = {path: value for path, value in parameters.items() if path not in study.goal_axes}
-    setting = _setting(source, json.dumps(others, default=str), solver)
+    setting = _setting(study.problem_text, json.dumps(others, default=str), solver)
     if not study.goal_axes:
         return setting.problem, setting.solver
     try:
@@ -197,6 +206,8 @@ def _row(study: Study, run: int, solution: Solution, seconds: float, tries: int)
         for name, values in solution.trajectory.items()
         if (known := margin(name)) and known.kind == "sigma"
     }
+    moving = {block.name for part, block in solution.problem.quantities if part in ("input", "output")}
+    extremes = {name: _extremes(values) for name, values in solution.trajectory.items() if name in moving}
     verify_s = solution.timing.get("verify_s", 0.0)
     return _as_row(
         run=run,
@@ -210,6 +221,7 @@ def _row(study: Study, run: int, solution: Solution, seconds: float, tries: int)
         **{name: data[name] for name in costs_of_motion()},
         evaluations=solution.evaluations,
         margins={name: value if np.isfinite(value) else None for name, value in least.items()},
+        extremes=extremes,
         limits=data["constraints"],
         warnings=data["warnings"],
         settings=data["settings"],
@@ -219,6 +231,12 @@ def _row(study: Study, run: int, solution: Solution, seconds: float, tries: int)
         verify_s=verify_s,
         tries=tries,
     )
+
+
+def _extremes(values: Any) -> list[float] | None:
+    """The least and the greatest of a quantity's components along the path; None where it has no number there."""
+    ends = [float(np.min(values)), float(np.max(values))]
+    return ends if np.isfinite(ends).all() else None
 
 
 def failed_row(study: Study, run: int, message: str, tries: int) -> Row:

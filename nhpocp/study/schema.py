@@ -8,10 +8,12 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from nhpocp.declared import LARGEST_COUNT
-from nhpocp.errors import describe
+from nhpocp.errors import InvalidProblemError, describe
+from nhpocp.objectives.registry import OBJECTIVES
 from nhpocp.problem_file.numbers import Checked, Choice, Count, Number, Whole
 from nhpocp.problem_file.schema import Name, Text, Version
 from nhpocp.problem_file.states import Strict
+from nhpocp.written_numbers import parse_number
 
 SAMPLINGS = ("grid", "random", "latin_hypercube", "sobol")
 ORDERS = ("given", "nearest")
@@ -104,6 +106,80 @@ def _solvers(value: Any) -> Any:
     return [value] if isinstance(value, str) else value
 
 
+def _range(value: Any) -> list[Any]:
+    """Two numbers, the least and the most, or choices as they are written."""
+    values = _listed(value)
+    try:
+        numbers = [parse_number(each) for each in values]
+    except ValueError:
+        return values
+    if len(numbers) == 2 and not numbers[0] < numbers[1]:
+        raise ValueError(f"{values[0]} is not below {values[1]}; expected [least, most]")
+    return values
+
+
+def _listed(value: Any) -> list[Any]:
+    if not isinstance(value, list) or len(value) < 2:
+        came = f"a list of {len(value)}" if isinstance(value, list) else describe(value)
+        raise ValueError(f"expected [least, most], or a list of choices, got {came}")
+    values: list[Any] = value
+    return values
+
+
+def _over(value: Any) -> Any:
+    if not isinstance(value, dict) or not value:
+        words = "expected a mapping of keys of the problem to their ranges"
+        raise ValueError(f"{words}, such as {{system.base_radius: [20, 40]}}, got {describe(value or None)}")
+    return value
+
+
+def _objectives(value: Any) -> Any:
+    return [value] if isinstance(value, str | dict) else value
+
+
+def _objective(value: Any) -> dict[str, str]:
+    """By the direction, the name."""
+    given = {"min": value} if isinstance(value, str) else value
+    if isinstance(given, dict) and len(given) == 1 and set(given) <= {"min", "max"}:
+        (name,) = given.values()
+        if isinstance(name, str):
+            return {str(direction): name for direction in given}
+    raise ValueError(f"expected a name such as effort, or {{max: sigma_w}}, got {describe(value)}")
+
+
+NAME_SCHEMA = {
+    "anyOf": [{"enum": [*OBJECTIVES, "horizon", "clearance", "sigma_s", "sigma_w"]}, {"type": "string"}]
+}
+SIDE_SCHEMA = {"type": "object", "minProperties": 1, "maxProperties": 1, "additionalProperties": False}
+ObjectiveData = Annotated[
+    dict[str, str],
+    Checked(
+        _objective,
+        {
+            "anyOf": [
+                NAME_SCHEMA,
+                {**SIDE_SCHEMA, "properties": dict.fromkeys(("min", "max"), NAME_SCHEMA)},
+            ]
+        },
+    ),
+]
+
+
+class OptimiseData(Strict):
+    """Which design is best: an optimiser proposes points, and the runs of the axes are made at each."""
+
+    over: Annotated[
+        dict[str, Annotated[list[Any], Checked(_range, {"type": "array", "minItems": 2})]],
+        BeforeValidator(_over),
+    ] = Field(description="by the path of a problem's key: [least, most], or a list of choices")
+    objectives: Annotated[list[ObjectiveData], Field(min_length=1), BeforeValidator(_objectives)] = Field(
+        description="made least, or {max: NAME} greatest: costs, margins, speeds"
+    )
+    trials: Count = Field(default=100, description="points that are proposed")
+    batch: Count = Field(default=4, description="trials proposed at a time, for about as many workers")
+    seed: Whole = Field(default=0, description="of the optimiser")
+
+
 class StudyData(Strict):
     """A problem, axes along which it varies, and the solvers to run at every design point."""
 
@@ -112,7 +188,7 @@ class StudyData(Strict):
         description="path of a problem file, from this file's folder; or the keys of a problem"
     )
     axes: Annotated[dict[str, AxisData], BeforeValidator(_axes)] = Field(
-        description="levels by the dotted path of a problem's key: a list, or a rule"
+        default_factory=dict, description="levels by the dotted path of a problem's key: a list, or a rule"
     )
     solvers: Annotated[list[Text], Field(min_length=1), BeforeValidator(_solvers)] = Field(
         default_factory=lambda: ["jacobian"], description='such as [jacobian, "nlp:initial=jacobian"]'
@@ -126,6 +202,22 @@ class StudyData(Strict):
     order: Annotated[str, Choice(*ORDERS)] = Field(
         default="given", description="nearest: goals begin with the plan to their neighbour"
     )
+    optimise: OptimiseData | None = Field(
+        default=None, description="the best of many designs, each of which is run over the axes"
+    )
+
+    @model_validator(mode="after")
+    def _complete(self) -> StudyData:
+        if not (self.axes or self.optimise):
+            raise InvalidProblemError(
+                "required key is missing; a study has axes, or something to optimise", path="axes"
+            )
+        if self.optimise and len(self.solvers) > 1:
+            words = (
+                f"{len(self.solvers)} solvers; expected one beside optimise, by which designs are compared"
+            )
+            raise InvalidProblemError(words, path="solvers")
+        return self
 
 
 class StudyFileData(Strict):

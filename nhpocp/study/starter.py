@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from nhpocp.constraints.registry import KINDS
 from nhpocp.problem_file.editor_schema import DIALECT, REFERENCE, json_schema
 from nhpocp.problem_file.registry import system_class
 from nhpocp.problem_file.starters import example_task, flow, line, options
-from nhpocp.study.schema import StudyData, StudyFileData
+from nhpocp.study.schema import OptimiseData, StudyData, StudyFileData
 from nhpocp.systems.system import System
 
 IDENTITY = "nhpocp.study.schema.json"
@@ -40,6 +41,7 @@ def study_starter(model: str = "three_upu", schema: str = IDENTITY) -> str:
         *_axes(system, task),
         line("  solvers: [jacobian]", 'or [jacobian, nlp, "nlp:initial=jacobian"]: each at every point'),
         *options(StudyData, ["samples", "sampling", "seed", "order"], "  "),
+        *_optimise(system),
     ]
     return "\n".join(lines) + "\n"
 
@@ -70,6 +72,24 @@ def _axes(system: System, task: Mapping[str, Any]) -> Iterator[str]:
     yield line("    # solvers.jacobian.seed: {range: [0, 8, 2]}", "also logspace: [from, to, number]")
 
 
+def _optimise(system: System) -> Iterator[str]:
+    """An example: over a dimension of the system, if it has one, for little effort and much clearance."""
+    sizes = {
+        name: value for name, value in system.parameters().items() if isinstance(value, float) and value > 0
+    }
+    name, size = next(iter(sizes.items()), ("", 0.0))
+    over = (
+        f"system.{name}: [{0.9 * size:g}, {1.1 * size:g}]" if name else "solvers.jacobian.gamma: [0.05, 0.2]"
+    )
+    objectives = "[effort]" if KINDS["clearance"].lacking(system) else "[effort, {max: clearance}]"
+    fields = OptimiseData.model_fields
+    yield line("  # optimise:", str(StudyData.model_fields["optimise"].description))
+    yield line(f"  #   over: {{{over}}}", str(fields["over"].description))
+    yield line(f"  #   objectives: {objectives}", str(fields["objectives"].description))
+    for key in ("trials", "batch", "seed"):
+        yield line(f"  #   {key}: {fields[key].default}", str(fields[key].description))
+
+
 def study_schema() -> dict[str, Any]:
     """JSON schema (draft 7) of study files, with a description of every key, and defaults."""
     problem = json_schema()
@@ -85,6 +105,14 @@ def study_schema() -> dict[str, Any]:
         "else": {"type": "string"},
     }
     keys["axes"] |= {"minProperties": 1, "properties": dict.fromkeys(_paths(), _axis(keys["axes"]))}
+    over = definitions["OptimiseData"]["properties"]["over"]
+    over |= {"minProperties": 1, "properties": dict.fromkeys(_paths(), over["additionalProperties"])}
+    objectives = definitions["OptimiseData"]["properties"]["objectives"]
+    definitions["OptimiseData"]["properties"]["objectives"] = {
+        "anyOf": [objectives, objectives["items"]],
+        "description": objectives["description"],
+    }
+    definitions["StudyData"]["anyOf"] = [{"required": ["axes"]}, {"required": ["optimise"]}]
     keys["solvers"] = {
         "anyOf": [keys["solvers"], {"type": "string"}],
         "description": keys["solvers"]["description"],

@@ -46,6 +46,7 @@ COLUMNS: dict[str, str] = {
     **dict.fromkeys(costs_of_motion(), "REAL"),
     "evaluations": "INTEGER",
     "margins": "TEXT",  # JSON: the least of each along the path
+    "extremes": "TEXT",  # JSON: [least, greatest] of each input and output along the path
     "limits": "TEXT",  # JSON: of each bound the worst place, as in solution.json
     "warnings": "TEXT",  # JSON: sentences
     "settings": "TEXT",  # JSON, of the solver
@@ -116,6 +117,14 @@ class Store:
                     "this store is of another study, or of an older text of this one; -o names another folder"
                 )
                 raise InvalidProblemError(words, file=str(self.file))
+            last = connection.execute("SELECT max(run) FROM runs").fetchone()[0] or 0
+            if last > len(study):
+                words = (
+                    f"run {last} is stored, of {len(study)}; --resume takes as many trials as before, or more"
+                )
+                raise InvalidProblemError(words, file=str(self.file))
+            newer = [("runs", str(len(study))), ("study", study.text)]  # more trials may be asked for
+            connection.executemany("INSERT OR REPLACE INTO study VALUES (?, ?)", newer)
             return
         axes = [path for factor in study.design.factors for path in factor.paths]
         columns = [f"{name} {kind}" for name, kind in COLUMNS.items()]

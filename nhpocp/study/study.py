@@ -6,25 +6,27 @@ import copy
 import hashlib
 import json
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
 
-from nhpocp.errors import InvalidProblemError, describe, refuse
+from nhpocp.errors import InvalidProblemError, describe, refuse, suggestion
 from nhpocp.problem_file import document as documents
 from nhpocp.problem_file import dumping, variants
 from nhpocp.problem_file.messages import translate
 from nhpocp.problem_file.overrides import within
 from nhpocp.problem_file.reading import Place, ProblemFile, read_text
 from nhpocp.study.design import END, Design, design_of
-from nhpocp.study.schema import StudyFileData
+from nhpocp.study.optimisation import Level, Optimisation, Quantity, optimisation_of, quantities
+from nhpocp.study.schema import StudyData, StudyFileData
 
 MOST_RUNS = 10_000_000
-AXES = "study.axes."
+INSIDE = -1  # of a range: at no end, and no whole number
+AXES, OVER = "study.axes.", "study.optimise.over."
 _PATH = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*|\[\d+\])*")
 _GIVEN_BY = re.compile(r" \(given by --set ([^)]*)\)")
 
@@ -35,7 +37,7 @@ class Study:
 
     text, problem_text: the study file and the problem file that it names, from which all of it can be read again.
     solvers: as `nhpocp compare --variant` takes them. order: "given", or "nearest", where goals begin with the plan to
-    their neighbour.
+    their neighbour. optimise: what the trials of the design are for, if it has such.
     """
 
     name: str
@@ -45,6 +47,7 @@ class Study:
     design: Design
     solvers: tuple[str, ...]
     order: str
+    optimise: Optimisation | None = None
 
     def __len__(self) -> int:
         return len(self.design) * len(self.solvers)
@@ -57,16 +60,46 @@ class Study:
         """The variant that a run is solved by."""
         return self.solvers[(run - 1) % len(self.solvers)]
 
+    def proposed(self, levels: Sequence[Level]) -> Study:
+        """With the trials that are known by now."""
+        return replace(self, design=self.design.proposed(levels))
+
+    def runs_of_trial(self, trial: int) -> range:
+        """The numbers of a trial's runs."""
+        each = len(self) // self.design.factors[0].size
+        return range((trial - 1) * each + 1, trial * each + 1)
+
     @cached_property
     def goal_axes(self) -> frozenset[str]:
         """The axes along which nothing but the goal changes: the innermost of the design."""
         return frozenset(path for factor in self.design.factors if factor.of_goal for path in factor.paths)
 
     @property
+    def first(self) -> dict[str, Any]:
+        """The values of the first run; where trials are still to be proposed, the first values that a file gives."""
+        if not self.optimise:
+            return self.parameters(1)
+        level = tuple(variable.values[0] for variable in self.optimise.variables)
+        return self.proposed([level]).parameters(1)
+
+    @cached_property
+    def quantities(self) -> dict[str, Quantity]:
+        """By name what its trials may be compared by."""
+        return quantities(read_problem(self.problem_text, None, self.first, self.solvers[0]).problem)
+
+    @cached_property
+    def measured(self) -> list[Quantity]:
+        """What its objectives are read from, in their order."""
+        objectives = self.optimise.objectives if self.optimise else ()
+        return [self.quantities[objective.name] for objective in objectives]
+
+    @property
     def digest(self) -> str:
         """What decides on the runs and their numbers: equal for studies whose runs are the same."""
         factors = [[factor.paths, factor.levels] for factor in self.design.factors]
-        runs = [self.problem_text, factors, self.solvers, self.order]
+        runs: list[Any] = [self.problem_text, factors, self.solvers, self.order]
+        if self.optimise:  # its trials are known by their numbers
+            runs[1] = [factors[1:], self.optimise.identity]
         return hashlib.sha256(json.dumps(runs, sort_keys=True, default=str).encode()).hexdigest()
 
 
@@ -133,14 +166,16 @@ def read_study_text(text: str, file: str | None = None, problem_text: str | None
         raise place.error(translate(error, StudyFileData)) from None
     try:
         named, text_of = _problem(data.problem, file, problem_text)
-        _check_paths(data.axes)
+        _check_paths(data)
         solvers = tuple(dict.fromkeys(data.solvers))
         _check_solvers(solvers)
         design = design_of(data)
         stem = Path(file).stem if file else "study"
-        study = Study(data.name or stem, text, text_of, named, design, solvers, data.order)
+        optimise = optimisation_of(data.optimise) if data.optimise else None
+        study = Study(data.name or stem, text, text_of, named, design, solvers, data.order, optimise)
         if len(study) > MOST_RUNS:
-            raise InvalidProblemError(f"{len(study)} runs; expected {MOST_RUNS} at most", path="study.axes")
+            many = "study.optimise.trials" if optimise else "study.axes"
+            raise InvalidProblemError(f"{len(study)} runs; expected {MOST_RUNS} at most", path=many)
     except InvalidProblemError as error:
         raise error if error.file else place.error([error, *error.others]) from None
     if problem_text is None:
@@ -164,21 +199,27 @@ def _problem(given: Any, file: str | None, text: str | None) -> tuple[str | None
         raise InvalidProblemError(f"{error.file}: {error.message}", path="study.problem") from None
 
 
-def _check_paths(axes: Mapping[str, Any]) -> None:
+def _check_paths(data: StudyData) -> None:
+    over = data.optimise.over if data.optimise else {}
+    places = [(path, AXES) for path in data.axes] + [(path, OVER) for path in over]
     wrong = [
         InvalidProblemError(
             "no path of a key; expected names, dots and places in lists, such as goal.position[0]",
-            path=f"{AXES}{path}",
+            path=f"{block}{path}",
             at_key=True,
         )
-        for path in axes
+        for path, block in places
         if not _PATH.fullmatch(path)
     ]
-    for path in axes:
-        for other in axes:
+    for path in over:
+        if path in data.axes:
+            words = "this is an axis, too; expected one of the two: all its levels, or the best value"
+            wrong.append(InvalidProblemError(words, path=f"{OVER}{path}", at_key=True))
+    for path, block in places:
+        for other, _ in places:
             if path != other and within(other, path):
                 words = f"{other} is a part of it; expected axes that do not contain one another"
-                wrong.append(InvalidProblemError(words, path=f"{AXES}{path}", at_key=True))
+                wrong.append(InvalidProblemError(words, path=f"{block}{path}", at_key=True))
     refuse(wrong)
 
 
@@ -207,28 +248,54 @@ def _check_values(study: Study, data: Any, place: Place) -> None:
             each.changed(file=None, line=None, column=None).under("study.problem") for each in error.each
         ]
         raise place.error(inner) from None
-    first, wrong = study.parameters(1), list[InvalidProblemError]()
+    keys = {path: (f"{AXES}{path}", axis) for path, axis in data.axes.items()}
+    if data.optimise:
+        keys |= {path: (f"{OVER}{path}", values) for path, values in data.optimise.over.items()}
+    first, wrong = study.first, list[InvalidProblemError]()
     for number, label in enumerate(study.solvers):
-        wrong += _mistakes(study, first, label, f"study.solvers[{number}]", data.axes)
+        wrong += _mistakes(study, first, label, f"study.solvers[{number}]", keys)
     if not wrong:
-        for path, axis in data.axes.items():
-            for level, value in enumerate(axis) if isinstance(axis, list) else _ends(study.design, path):
+        for path, (block, axis) in keys.items():
+            for level, value in _tried(study, path, axis):
                 if value != first[path]:
-                    where = _place_of(path, axis, level)
-                    wrong += _mistakes(study, {**first, path: value}, study.solvers[0], where)
+                    where = _place_of(block, axis, level)
+                    inside = "; two numbers are a range, three or more are choices" if level == INSIDE else ""
+                    mistakes = _mistakes(study, {**first, path: value}, study.solvers[0], where)
+                    wrong += [each.changed(note=inside) for each in mistakes]
+    if not wrong and study.optimise:
+        wrong += _unknown_objectives(study, study.optimise)
     if wrong:
         raise place.error(wrong)
 
 
-def _ends(design: Design, path: str) -> list[tuple[int, Any]]:
-    """The least and the largest value of an axis."""
-    factor = next(factor for factor in design.factors if path in factor.paths)
-    values = [level[factor.paths.index(path)] for level in factor.levels]
-    return [(0, min(values)), (0, max(values))]
+def _tried(study: Study, path: str, axis: Any) -> Iterator[tuple[int | None, Any]]:
+    """Values to try, and their places in the list that the file has; `INSIDE` of a range."""
+    if isinstance(axis, list):
+        yield from enumerate(axis)
+        variables = study.optimise.variables if study.optimise else ()
+        for variable in variables:
+            if variable.path == path and variable.is_range:
+                least, most = variable.values
+                yield INSIDE, least + (most - least) / 2**0.5
+    else:
+        factor = next(factor for factor in study.design.factors if path in factor.paths)
+        values = [level[factor.paths.index(path)] for level in factor.levels]
+        yield from ((None, min(values)), (None, max(values)))
 
 
-def _place_of(path: str, axis: Any, level: int) -> str:
-    return f"{AXES}{path}" + (f"[{level}]" if isinstance(axis, list) else "")
+def _unknown_objectives(study: Study, optimise: Optimisation) -> Iterator[InvalidProblemError]:
+    known = study.quantities
+    for number, objective in enumerate(optimise.objectives):
+        if objective.name in {other.name for other in optimise.objectives[:number]}:
+            words = f"{objective.name} is an objective already; expected each once"
+            yield InvalidProblemError(words, path=f"study.optimise.objectives[{number}]")
+        if objective.name not in known:
+            words = f"unknown objective {objective.name!r}; {suggestion(objective.name, known)}"
+            yield InvalidProblemError(words, path=f"study.optimise.objectives[{number}]")
+
+
+def _place_of(block: str, axis: Any, level: int | None) -> str:
+    return block if level in (None, INSIDE) or not isinstance(axis, list) else f"{block}[{level}]"
 
 
 def _mistakes(
@@ -236,20 +303,25 @@ def _mistakes(
     parameters: Mapping[str, Any],
     solver: str,
     where: str,
-    axes: Mapping[str, Any] | None = None,
+    keys: Mapping[str, tuple[str, Any]] | None = None,
 ) -> list[InvalidProblemError]:
-    """What is wrong with a problem of the study: at ``where``, or at one of the ``axes`` whose first level it is."""
+    """What is wrong with a problem of the study: at ``where``, or at one of the ``keys`` whose first level it is."""
     try:
         read_text(study.problem_text, study.problem_file, overrides(parameters, solver))
     except InvalidProblemError as error:
         given = _GIVEN_BY.search(error.message)
         by = given[1] if given else error.path or ""
-        if axes and by in axes:
-            where = _place_of(by, axes[by], 0)
+        if keys and by in keys:
+            where = _place_of(*keys[by], 0)
         words = _GIVEN_BY.sub("", error.changed(counted=False).message).removeprefix(f"--set {by}: ")
         axis = re.sub(r"\[\d+\]$", "", where)
-        if not error.path or error.path in (where.removeprefix(AXES), axis.removeprefix(AXES)):
+        if not error.path or error.path in (_key(where), _key(axis)):
             misnamed = "no keys to set" in words or error.at_key
             return [InvalidProblemError(words, path=axis if misnamed else where, at_key=misnamed)]
         return [InvalidProblemError(f"{error.path}: {words}", path=where)]
     return []
+
+
+def _key(place: str) -> str:
+    """The key of the problem that stands at a place of the study file."""
+    return place.removeprefix(AXES).removeprefix(OVER)

@@ -17,6 +17,7 @@ from nhpocp.problem_file.reading import read_text
 from nhpocp.study.charting import Charting, axes_of
 from nhpocp.study.store import Store
 from nhpocp.study.study import Study, read_study_text
+from nhpocp.study.trials import known
 from nhpocp.survey import Failures, Profiles, Quantity, Spread, Survey, shift_of
 from nhpocp.systems.margins import margin
 
@@ -33,6 +34,7 @@ def survey(store: Store) -> Survey:
     with store.snapshot():
         facts = store.facts
         study = read_study_text(facts["study"], f"{facts['name']}.yaml", facts["problem"])
+        study = known(study, store) if study.optimise else study
         problem = read_text(facts["problem"], facts["problem_file"]).problem
         return _Surveyor(store, study, problem).survey()
 

@@ -18,10 +18,12 @@ from nhpocp.interruption import Interruption
 from nhpocp.provenance import environment
 from nhpocp.solvers.workers import OFTEN, awaited, deaf_to_ctrl_c, own_executor, permit, processes, submitted
 from nhpocp.study.cluster import WorkerDiedError
-from nhpocp.study.order import Piece, one_by_one, pieces
+from nhpocp.study.order import Piece, one_by_one
+from nhpocp.study.rounds import Round, rounds
 from nhpocp.study.run import Job, Source, failed_row, performed
 from nhpocp.study.store import Row, Store
 from nhpocp.study.study import Study
+from nhpocp.study.trials import Trial
 
 AHEAD = 1  # jobs that wait in the queue beside those that are worked on
 DIED = "the process that worked on it died twice, as for lack of memory; `nhpocp solve` on this problem shows more"
@@ -32,7 +34,7 @@ Submit = Callable[..., Future[list[Row]]]
 
 @dataclass
 class Tally:
-    """How far a sweep is. runs: of the study; stored: of those, at its beginning and since."""
+    """How far a sweep is. runs: of the study; stored: of those, at its beginning and since; trials: that are judged."""
 
     runs: int
     stored: int
@@ -40,6 +42,7 @@ class Tally:
     began: float = field(default_factory=perf_counter)
     done: int = 0  # in this sweep
     stopped: bool = False  # by hand
+    trials: list[Trial] = field(default_factory=list)
 
     @property
     def failed(self) -> int:
@@ -79,10 +82,14 @@ def sweep(
     make = make or partial(processes, workers, "spawn")
     outcomes = store.outcomes()
     tally = Tally(len(study), sum(outcomes.values()), outcomes.get("converged", 0))
-    course = _Course(study, store, tally, progress)
-    with Interruption(patient=False) as interruption, _one_thread():
+    with (
+        Interruption(patient=False) as interruption,
+        _one_thread(),
+        rounds(study, store, tally.trials) as following,
+    ):
+        course = _Course(following, store, tally, progress)
         try:
-            while course.left():
+            while course.goes_on():
                 interruption.check()
                 with own_executor(make) as executor, permit() as given:
                     many = partial(getattr, executor, "workers", workers)
@@ -115,13 +122,22 @@ class _Course:
     which of them it was if one dies again.
     """
 
-    def __init__(self, study: Study, store: Store, tally: Tally, progress: Listener) -> None:
-        self.study, self.store, self.tally, self.progress = study, store, tally, progress
+    def __init__(self, following: Iterator[Round], store: Store, tally: Tally, progress: Listener) -> None:
+        self.following, self.store, self.tally, self.progress = following, store, tally, progress
         self.session: int | None = None
-        self.source, self.chained = Source.of(study), study.order == "nearest"
         self.suspects: deque[Piece] = deque()
         self.waiting: deque[Piece] = deque()
-        self.pieces = pieces(study, store.done())
+        self.pieces: Iterator[Piece] = iter(())
+
+    def goes_on(self) -> bool:
+        """Whether anything is left to begin. Asked where nothing is under way, so that a round ends before the next."""
+        while not (self.suspects or self.left()):
+            following = next(self.following, None)
+            if following is None:
+                return False
+            self.study, self.pieces = following
+            self.source, self.chained = Source.of(self.study), self.study.order == "nearest"
+        return True
 
     def begin(self, workers: int) -> None:
         """Notes in the store, once, by whom the runs are performed."""
@@ -129,28 +145,30 @@ class _Course:
             self.session = self.store.begin(workers, environment())
 
     def left(self) -> bool:
-        """Whether anything is left to begin."""
+        """Whether anything of this round waits."""
         if not self.waiting:
             self.waiting.extend(islice(self.pieces, 1))
-        return bool(self.waiting or self.suspects)
+        return bool(self.waiting)
 
     def run(self, submit: Submit, workers: Callable[[], int], stop: Interruption) -> None:
         """Works until nothing is left, or a process of a pool has died: then the executor is of no more use."""
         under_way: dict[Future[list[Row]], Piece] = {}
         try:
-            while self.left() or under_way:
-                if self.suspects and not under_way:
-                    self._again(submit, stop)
-                    continue
-                while not self.suspects and len(under_way) < workers() + AHEAD and self.left():
-                    job = self._begun(submit, self.waiting[0])
-                    under_way[job] = self.waiting.popleft()
-                for job in wait(under_way, OFTEN, FIRST_COMPLETED).done:
-                    try:
-                        self._keep(job.result())
-                    except WorkerDiedError:  # it is known whose work it was
-                        self.suspects.extend(one_by_one(under_way[job], self.chained))
-                    del under_way[job]
+            while self.goes_on():
+                while self.left() or self.suspects or under_way:
+                    if self.suspects and not under_way:
+                        self._again(submit, stop)
+                        continue
+                    while not self.suspects and len(under_way) < workers() + AHEAD and self.left():
+                        job = self._begun(submit, self.waiting[0])
+                        under_way[job] = self.waiting.popleft()
+                    for job in wait(under_way, OFTEN, FIRST_COMPLETED).done:
+                        try:
+                            self._keep(job.result())
+                        except WorkerDiedError:  # it is known whose work it was
+                            self.suspects.extend(one_by_one(under_way[job], self.chained))
+                        del under_way[job]
+                    stop.check()
                 stop.check()
         except BrokenProcessPool:
             for piece in under_way.values():

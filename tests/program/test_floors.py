@@ -52,6 +52,8 @@ ROOMS = {
     "pydantic": ("problem_file", "solution_folder", "study"),
     "sqlite3": ("study",),
     "pyarrow": ("study",),
+    "optuna": ("study",),
+    "sqlalchemy": ("study",),
     "click": ("cli",),
     "rich": ("cli",),
 }

@@ -37,6 +37,9 @@ def test_a_starter_is_right_and_so_are_the_lines_that_it_offers(model, editor):
     whole = read_study_text(offered)
     assert (whole.name, len(whole) % (50 * 5)) == ("my_study", 0)
     editor.validate(parse(offered).data)
+    optimised = text.replace("  # optimise:", "  optimise:").replace("  #   ", "    ")
+    assert len(read_study_text(optimised)) == 100 * len(read_study_text(text))
+    editor.validate(parse(optimised).data)
 
 
 @pytest.mark.parametrize("path", STUDIES, ids=lambda path: path.stem)
@@ -53,6 +56,8 @@ def test_the_library_is_right(path, editor):
         ("solvers: [jacobian]", "solvers: [3]", "solvers"),
         ("# order: given", "order: anyhow", "order"),
         ("start:", "strat:", "problem"),
+        ("# optimise:", "optimise: {over: {horizon: 3}, objectives: [effort]}", "optimise"),
+        ("# optimise:", "optimise: {over: {horizon: [1, 3]}, objectives: [{least: effort}]}", "optimise"),
     ],
 )
 def test_editors_underline_mistakes_where_they_stand(right, wrong, place, editor):
