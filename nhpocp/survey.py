@@ -199,7 +199,8 @@ class Survey:
 
     store: the file. text, problem_text: the study file and the problem file. problem: the one around which the axes
     vary. runs: of the study, stored or not. solvers: labels of its variants. tallies: of each solver how many runs are
-    stored and solved. outcomes: the first is success, the commonest failures follow. spreads: by quantity and solver.
+    stored and solved. outcomes: the first is success, the commonest failures follow. quantities: those of which there is a
+    value. cost: the name of the one that is the cost. spreads: by quantity and solver.
     environments: of every session. seconds: by the clock, of all sessions; processor: of solving and verifying, all
     runs together. batched: whether runs were planned together, and time is a share. unminimised: whether the Jacobian
     method took the first control that reached the goal.
@@ -217,6 +218,7 @@ class Survey:
     tallies: Mapping[str, tuple[int, int]]
     outcomes: tuple[str, ...]
     quantities: tuple[Quantity, ...]
+    cost: str
     spreads: Mapping[str, Mapping[str, Spread]]
     chart: Map | Points | None
     profiles: Mapping[str, Profiles]
@@ -235,8 +237,3 @@ class Survey:
     @property
     def solved(self) -> int:
         return sum(solved for _, solved in self.tallies.values())
-
-    @property
-    def cost(self) -> str:
-        """The quantity that is the cost."""
-        return next(quantity.name for quantity in self.quantities if quantity.kind == "cost")

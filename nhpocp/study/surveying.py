@@ -81,6 +81,7 @@ class _Surveyor:
             tallies={label: (sum(some.values()), some[SOLVED]) for label, some in self.counts.items()},
             outcomes=self.outcomes,
             quantities=tuple(quantity for quantity in self.columns if self._known(spreads[quantity.name])),
+            cost=self.cost,
             spreads=spreads,
             chart=charting.chart(shown, self.columns_of_cost()),
             profiles=self._profiles(spreads) if len(study.solvers) > 1 else {},
