@@ -42,8 +42,8 @@ study:
     solvers: {compile: never, jacobian: {max_iterations: 30}, nlp: {intervals: 10}}
     output: {pictures: false}
   axes:
-    horizon: {linspace: [1, 2, 6]}
-    goal.x: {linspace: [0.5, 2, 3]}
+    horizon: {linspace: [1, 2, 4]}
+    goal.x: {linspace: [0.5, 2, 2]}
     goal.theta: [0, 30 deg]
   solvers: [jacobian, "jacobian:step_rule=euler", nlp]
 """
