@@ -75,17 +75,30 @@ class Store:
         """A store to be read."""
         if not file.is_file():
             raise InvalidProblemError("no such file; expected the store of a study", file=str(file))
+        # one that may write clears its journal up; where nobody may write, nobody does meanwhile
+        writable = os.access(file, os.W_OK) and os.access(file.parent, os.W_OK)
         with _told(file):
-            # one that may write clears its journal up; where nobody may write, nobody does meanwhile
-            how = "mode=rw" if os.access(file, os.W_OK) and os.access(file.parent, os.W_OK) else "immutable=1"
-            connection = sqlite3.connect(f"{file.resolve().as_uri()}?{how}", uri=True, timeout=PATIENCE)
+            if writable:
+                try:
+                    return cls._reading(file, "mode=rw")
+                except (
+                    sqlite3.OperationalError
+                ):  # a journal has no room, say; there may be nothing in it to be read
+                    journal = file.with_name(f"{file.name}-wal")
+                    if journal.exists() and journal.stat().st_size:
+                        raise
+            return cls._reading(file, "immutable=1")
+
+    @classmethod
+    def _reading(cls, file: Path, how: str) -> Self:
+        connection = sqlite3.connect(f"{file.resolve().as_uri()}?{how}", uri=True, timeout=PATIENCE)
+        try:
             connection.execute("PRAGMA query_only = ON")
             store = cls(file, connection)
-            try:
-                store._check_version()
-            except BaseException:
-                connection.close()
-                raise
+            store._check_version()
+        except BaseException:
+            connection.close()
+            raise
         return store
 
     @classmethod
