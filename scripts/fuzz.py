@@ -2,8 +2,8 @@
 """Seeded nonsense for the command line: problems, settings, studies, solution folders and stores, spoilt by chance.
 
 Each call must end with exit status 0, 1 or 2 (3 where an optional part is missing), without an exception, within 10 s
-and 1 GB, and write nothing but its output; with --json, standard output is one document. Prints what was broken, with
-the call and the seed, then how many inputs of each kind were tried and broke something.
+of the processor and 1 GB, and write nothing but its output; with --json, standard output is one document. Prints what
+was broken, with the call and the seed, then how many inputs of each kind were tried and broke something.
 Run: .venv/bin/python scripts/fuzz.py [--inputs 2000] [--kinds KIND …] [--seed 0]
 Ends with 1 where anything was broken.
 """
@@ -50,7 +50,7 @@ from nhpocp.study.store import COLUMNS
 from nhpocp.study.study import read_study
 
 PROBLEMS = Path(__file__).parents[1] / "problems"
-LONGEST = 10.0  # seconds of the processor, three times as many of the clock, of one call
+LONGEST = 10.0  # seconds of the processor of one call; twelve times as many of the clock
 MOST = 1024.0  # MB
 KEYS = [
     *("horizon", "error_length", "length_scale", "samples", "goal", "start", "via", "constraints", "name"),
@@ -249,7 +249,7 @@ def bounded() -> Iterator[None]:
         raise Hang
 
     timers = {
-        signal.SIGALRM: (signal.ITIMER_REAL, 3 * LONGEST),
+        signal.SIGALRM: (signal.ITIMER_REAL, 12 * LONGEST),
         signal.SIGPROF: (signal.ITIMER_PROF, LONGEST),
     }
     before = {number: signal.signal(number, end) for number in timers}
