@@ -258,6 +258,6 @@ def restored(row: Row, facts: dict[str, Any]) -> Solution:
     solver = planning.own_solver(problem, settings_of(row["variant"])[0])
     final = float("nan") if row["final_error"] is None else row["final_error"]
     control = _stored_control(row["solved_control"], problem)
-    plan = Plan(Outcome(row["outcome"]), row["message"], final, control, row["evaluations"])
+    plan = Plan(Outcome(row["outcome"]), row["message"], final, control, row["evaluations"] or 0)
     solution = _claimed(problem, solver, plan)
-    return judged(replace(solution, timing={"build_s": 0.0, "solve_s": row["solve_s"]}))
+    return judged(replace(solution, timing={"build_s": 0.0, "solve_s": row["solve_s"] or 0.0}))

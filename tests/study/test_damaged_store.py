@@ -12,7 +12,7 @@ import pytest
 
 from nhpocp.cli import entry
 from nhpocp.errors import InvalidProblemError
-from nhpocp.study.store import Store
+from nhpocp.study.store import COLUMNS, Store
 from nhpocp.study.study import read_study_text
 from nhpocp.study.sweep import sweep
 from tests.study.test_sweep import UNICYCLE, here
@@ -100,6 +100,14 @@ def test_damage_is_told_in_one_line(damage, call, expected, stored, tmp_path, mo
     assert words.startswith("study.sqlite: ")
     assert words.count("\n") == 1
     assert expected in words
+
+
+def test_a_run_whose_numbers_are_unknown_is_a_folder_all_the_same(stored, tmp_path):
+    known = {"run", "solved_control", *(name for name, kind in COLUMNS.items() if "NOT NULL" in kind)}
+    unknown = [name for name in COLUMNS if name not in known]
+    assert {"evaluations", "solve_s", "margins", "final_error"} <= set(unknown)
+    status, words = said(stored, tmp_path, f"UPDATE runs SET {' = NULL, '.join(unknown)} = NULL", SOLVE)
+    assert status == 0, words
 
 
 def test_what_a_worker_refuses_reaches_the_program():
