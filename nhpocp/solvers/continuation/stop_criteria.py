@@ -70,7 +70,8 @@ class StopCriteria:
 
     def _rank_deficient(self, here: Evaluation) -> Ending | None:
         try:
-            direction: Direction | None = here.direction
+            with np.errstate(over="ignore", invalid="ignore"):  # said in words below
+                direction: Direction | None = here.direction
         except np.linalg.LinAlgError:  # finite, and no longer so in the coordinates of the metric
             return BEYOND_NUMBERS
         if direction is None or not direction.blocked:
