@@ -43,8 +43,6 @@ def parsed(row: Mapping[str, Any], name: str) -> Any:
         value: Any = json.loads(row[name])
     except (ValueError, RecursionError) as error:
         raise _error(row, name, f"this is not JSON ({type(error).__name__})") from None
-    if value is None:
-        return shape()
     fits = isinstance(value, shape)
     if not fits:
         wanted = "a mapping" if shape is dict else "a list"

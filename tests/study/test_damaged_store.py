@@ -80,6 +80,7 @@ def said(stored, tmp_path, damage, call):
         ("UPDATE runs SET outcome = 'x'", SOLVE, "run 1: outcome: damaged: the text 'x' is no outcome"),
         ("UPDATE runs SET margins = '[['", EXPORT, "run 1: margins: damaged: this is not JSON"),
         ('UPDATE runs SET margins = \'{"a": "b"}\'', PARQUET, "run 1: margins: damaged: expected numbers"),
+        ("UPDATE runs SET margins = 'null'", EXPORT, "run 1: margins: damaged: expected a mapping"),
         ("UPDATE runs SET parameters = '{}'", SOLVE, "run 1: parameters: damaged: expected values of goal."),
         ("UPDATE runs SET solved_control = '3'", SOLVE, "run 1: solved_control: damaged: expected a mapping"),
         ("UPDATE runs SET solved_control = '{\"horizon\": []}'", SOLVE, "a stored control is damaged"),
@@ -108,6 +109,15 @@ def test_a_run_whose_numbers_are_unknown_is_a_folder_all_the_same(stored, tmp_pa
     assert {"evaluations", "solve_s", "margins", "final_error"} <= set(unknown)
     status, words = said(stored, tmp_path, f"UPDATE runs SET {' = NULL, '.join(unknown)} = NULL", SOLVE)
     assert status == 0, words
+
+
+@pytest.mark.parametrize("number", [2**60, 2**70, -(10**400)])
+def test_tables_take_whole_numbers_of_any_size(number, stored, tmp_path):
+    parquet = pytest.importorskip("pyarrow.parquet")
+    level = f'\'{{"goal.x": {number}, "goal.theta": 0}}\''
+    assert said(stored, tmp_path, f"UPDATE runs SET parameters = {level}", PARQUET) == (0, "out\n")
+    (first, _) = parquet.read_table(tmp_path / "out").to_pylist()
+    assert first["goal.x"] == (number if abs(number) < 1e300 else -float("inf"))
 
 
 def test_what_a_worker_refuses_reaches_the_program():
