@@ -105,6 +105,15 @@ def test_a_sweep_without_memory_ends_in_words(megabytes, folder):
     assert [row["run"] for row in rows(folder / "out/study.sqlite")] == list(range(1, 13))
 
 
+def test_a_library_that_finds_no_memory_is_told_in_a_line(monkeypatch, capsys):
+    def fail(*_):
+        raise ImportError("libopenblas.so: failed to map segment from shared object")
+
+    monkeypatch.setattr(Store, "open", fail)
+    assert entry.status(["export", "study.sqlite"]) == 1
+    assert capsys.readouterr().err == "out of memory: a library finds no room\n"
+
+
 def test_a_full_disk_has_no_room_for_a_table_or_a_folder(folder, whole):
     store = str(whole / "study.sqlite")
     status, words = ended(["export", store, "-o", "runs.csv"], lambda: room(500))
