@@ -38,6 +38,10 @@ from nhpocp.cli.entry import status
 from nhpocp.problem_file import load_problem
 from nhpocp.solution_folder import load_solution
 from nhpocp.solution_folder.target import remove_own
+from nhpocp.study import run as study_run
+from nhpocp.study.run import failed_row
+from nhpocp.study.store import Store
+from nhpocp.study.study import read_study_text
 from nhpocp.views import analysis_figures, figures, film
 from nhpocp.whole import write_text
 
@@ -45,6 +49,7 @@ UNICYCLE = Path(__file__).parents[1] / "problems" / "unicycle.yaml"
 SET = ["--set", "output.samples=11", "--set", "name=u"]
 CHANGES = ("rename", "replace", "unlink", "remove", "rmdir", "mkdir", "link")
 CREATING = ("mkdir", "open")
+STORE = "../before/study.sqlite"  # from a task's folder; read in vain, it leaves no journal there
 MISSING = "could not be written"  # the words of what is done without
 
 
@@ -341,6 +346,8 @@ TASKS = {
     "animate, film": Task(["animate", "out", "-o", "film.gif"], folders=("out",)),
     "schema": Task(["schema", "-o", "schema.json"]),
     "init": Task(["init", "mine.yaml"]),
+    "export": Task(["export", STORE, "-o", "runs.csv"]),
+    "solve --from": Task(["solve", "--from", STORE, "--run", "1", "-o", "out"], folders=("out",)),
 }
 
 
@@ -357,6 +364,8 @@ def prepared(home: Path, quick: bool) -> Iterator[None]:
 
         if quick:
             _draw_little(patch)
+        _store(home)
+        patch(study_run, "restored", lambda row, _: replace(answers["jacobian"], message=f"run {row['run']}"))
         patch(film, "FRAMES", 3)
         patch(comparison, "peak_memory", lambda: 100.0)
         for age in ("old", "new"):
@@ -367,6 +376,16 @@ def prepared(home: Path, quick: bool) -> Iterator[None]:
             if age == "old":
                 _earlier(home)
         yield
+
+
+def _store(home: Path) -> None:
+    """The store of two runs."""
+    text = UNICYCLE.read_text(encoding="utf-8").replace("\n", "\n    ")
+    study = read_study_text(f"nhpocp: 1\nstudy:\n  problem:\n    {text}\n  axes: {{goal.x: [1, 2]}}\n")
+    home.mkdir(parents=True, exist_ok=True)
+    with Store.create(home / "study.sqlite", study, resume=False) as store:
+        session = store.begin(1, {})
+        store.add({**failed_row(study, run, "none", 1), "session": session} for run in (1, 2))
 
 
 def _draw_little(patch: Any) -> None:
@@ -391,12 +410,15 @@ def _earlier(home: Path) -> None:
         with contextlib.chdir(place), contextlib.redirect_stdout(io.StringIO()):
             if name in ("solve", "compare", "analyze"):
                 status(task.arguments)
+            elif name == "solve --from":
+                status(["solve", "--from", "../study.sqlite", "--run", "2", "-o", "out"])
             elif task.folders:
                 status(TASKS["solve"].arguments)
     for picture in (home / "plot" / "out").glob("*.[ps][nv]g"):
         picture.write_text("old")
     for name in ("animate/out/animation.html", "animate, film/film.gif"):
         (home / name).write_text("nhpocp animate: old")
+    (home / "export" / "runs.csv").write_text("old")
     (home / "schema" / "schema.json").write_text('{"$id": "nhpocp.schema.json"}')
 
 

@@ -23,6 +23,7 @@ from nhpocp.cli.terminal import abandon, error_data, open_streams, put, say
 from nhpocp.cli.verbs import cli
 from nhpocp.errors import MissingDependencyError, NhpocpError, NhpocpWarning
 
+NO_ROOM = "failed to map segment"  # the system's words, of a shared library
 BY_HAND = "stopped by hand; no solution was written"
 
 
@@ -80,6 +81,9 @@ def status(arguments: Sequence[str]) -> int:
         say(f"{place}: {message}" if place else message)
         return _answer(as_json, error_data(error, file=place, message=message), BAD_INPUT)
     except Exception as error:
+        if not debug and isinstance(error, ImportError) and NO_ROOM in str(error):
+            say("out of memory: a library finds no room")
+            return _answer(as_json, error_data(error, message="out of memory"), NOT_SOLVED)
         if debug or not (fault := plugins.fault(error)):
             raise
         say(fault)

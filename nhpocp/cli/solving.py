@@ -98,10 +98,10 @@ def _solve_stored(
 
         with Store.open(store) as opened:
             row, facts = opened.row(run), opened.facts
-        folder = output or Path("results") / folder_name(facts["name"]) / f"run_{run}"
-        check_target(folder)
-        interruption.check()
-        solution = restored(row, facts)
+            folder = output or Path("results") / folder_name(facts["name"]) / f"run_{run}"
+            check_target(folder)
+            interruption.check()
+            solution = restored(row, facts)
         interruption.patient = True
         solution = _write(solution, folder)
         if as_json:

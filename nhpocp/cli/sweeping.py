@@ -225,6 +225,7 @@ def export(store: Path, kind: str, output: Path | None, as_json: bool) -> int:
 
     One row a run: its axes, how it ended, costs and margins. Parquet needs the extra `parquet`.
     """
+    from nhpocp.solution_folder import unwritable
     from nhpocp.study.export import FORMATS
     from nhpocp.study.store import Store
 
@@ -232,7 +233,10 @@ def export(store: Path, kind: str, output: Path | None, as_json: bool) -> int:
     if file.resolve() == store.resolve():
         raise InvalidProblemError("this is the store itself; name another file", file=str(file))
     with Store.open(store) as opened:
-        FORMATS[kind](opened, file)
+        try:
+            FORMATS[kind](opened, file)
+        except OSError as error:  # of a full disk, which does not say where
+            raise unwritable(file, error) from error
     if as_json:
         put({"file": str(file)})
     else:

@@ -104,7 +104,9 @@ def control_from_json(data: Mapping[str, Any]) -> Control:
         cls = SequenceBasis if kind == SequenceBasis.kind else BASES[kind]
         basis, coefficients = cls.from_json(data)
         return Control(basis, coefficients, float(data["horizon"]))
-    except (LookupError, TypeError) as error:
+    except InvalidProblemError:
+        raise
+    except (LookupError, TypeError, ValueError, ArithmeticError) as error:
         raise InvalidProblemError(f"no control in {type(error).__name__}: {error}", path="control") from None
 
 

@@ -61,7 +61,7 @@ def load_solution(folder: str | os.PathLike[str]) -> Solution:
     problem = _problem(home / "problem.yaml", stored)
     shapes = _shapes(problem)
     with _reading(home / "solution.json"):
-        control = _control(stored, problem)
+        control = read_control(stored.control.model_dump(), problem)
         tables = {name: _table(name, value) for name, value in stored.trajectory.items()}
         _check_shapes(tables, shapes, problem)
     arrays = read_arrays(home / "arrays.npz", _room(tables))
@@ -116,9 +116,11 @@ def _problem(file: Path, stored: StoredSolution) -> PlanningProblem:
         ) from error
 
 
-def _control(stored: StoredSolution, problem: PlanningProblem) -> Control:
-    """The control, if it drives this system and its data say nothing else than what is read from them."""
-    data = stored.control.model_dump()
+def read_control(data: Mapping[str, Any], problem: PlanningProblem) -> Control:
+    """The control that solution.json describes, if it drives this system.
+
+    Errors: `InvalidProblemError` for another system's, or data that say anything else than what is read from them.
+    """
     label, inputs = problem.system.input_label(), problem.system.input_space
     if data.get("input") != label:
         raise InvalidProblemError(f"expected {label!r}, the input of this system", path="control.input")

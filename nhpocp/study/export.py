@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -51,6 +52,7 @@ def write_parquet(store: Store, file: Path) -> None:
             for rows in _chunks(_table(store, margins)):
                 for row in rows:
                     row |= {path: _text(row[path]) for path in store.axes if path not in numeric}
+                    row |= {name: _number(row[name]) for name in [*numeric, *margins]}
                 writer.write_table(pa.Table.from_pylist(rows, schema))
 
     write_file(file, write)
@@ -82,6 +84,14 @@ def _table(store: Store, margins: list[str]) -> Iterator[Row]:
 
 def _cell(value: Any) -> Any:
     return json.dumps(value) if isinstance(value, list | dict) else value
+
+
+def _number(value: int | float | None) -> float | None:
+    """Of any size: Arrow takes no whole number that a double does not hold."""
+    try:
+        return None if value is None else float(value)
+    except OverflowError:
+        return math.inf if value and value > 0 else -math.inf
 
 
 def _text(value: Any) -> str | None:

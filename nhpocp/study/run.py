@@ -22,12 +22,13 @@ from nhpocp.interruption import Interruption
 from nhpocp.objectives.registry import costs_of_motion
 from nhpocp.outcome import Outcome
 from nhpocp.problem import PlanningProblem
-from nhpocp.problem_file import build, control_from_json
+from nhpocp.problem_file import build
 from nhpocp.problem_file.messages import translate
 from nhpocp.problem_file.states import State, plain_state
 from nhpocp.problem_file.variants import overrides as settings_of
 from nhpocp.solution import Solution, Solver
 from nhpocp.solution_folder import to_json
+from nhpocp.solution_folder.reading import read_control
 from nhpocp.solvers.claimed import claimed
 from nhpocp.study.store import COLUMNS, Row
 from nhpocp.study.study import Study, changed_goal, read_problem, read_study_text
@@ -162,7 +163,7 @@ def _solved(
             for (run, *_), claim, verdict in zip(planned, claims, verdicts, strict=True):
                 yield run, claim.judged(verdict, seconds), each
     if not together:
-        before = control_from_json(json.loads(job.start)) if job.start else None
+        before = _stored_control(job.start, planned[0][1]) if job.start and planned else None
         for run, problem, solver in planned:
             warm, began = _beginning(problem, before), perf_counter()
             solution = _attempted(lambda p=warm, s=solver: planning.solve(p, s))
@@ -170,6 +171,15 @@ def _solved(
             before = None
             if job.chained and isinstance(solution, Solution) and solution.converged:
                 before = solution.control
+
+
+def _stored_control(text: str, problem: PlanningProblem) -> Control:
+    """Errors: `InvalidProblemError` where it is damaged."""
+    try:
+        return read_control(json.loads(text), problem)
+    except (ValueError, RecursionError, TypeError, AttributeError, OverflowError) as error:
+        reason = str(error) if isinstance(error, InvalidProblemError) else one_line(error)
+        raise InvalidProblemError(f"a stored control is damaged: {reason}") from None
 
 
 def _attempted(solve: Any) -> Solution | Exception:
@@ -273,7 +283,7 @@ def restored(row: Row, facts: dict[str, Any]) -> Solution:
     problem = build(file)
     solver = planning.own_solver(problem, settings_of(row["variant"])[0])
     final = float("nan") if row["final_error"] is None else row["final_error"]
-    control = control_from_json(json.loads(row["solved_control"]))
-    plan = Plan(Outcome(row["outcome"]), row["message"], final, control, row["evaluations"])
+    control = _stored_control(row["solved_control"], problem)
+    plan = Plan(Outcome(row["outcome"]), row["message"], final, control, row["evaluations"] or 0)
     solution = _claimed(problem, solver, plan)
-    return judged(replace(solution, timing={"build_s": 0.0, "solve_s": row["solve_s"]}))
+    return judged(replace(solution, timing={"build_s": 0.0, "solve_s": row["solve_s"] or 0.0}))

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import sqlite3
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -18,8 +19,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Self
 
-from nhpocp.errors import InvalidProblemError
+from nhpocp.errors import InvalidProblemError, describe
 from nhpocp.objectives.registry import costs_of_motion
+from nhpocp.study.cells import check_row, check_whole
 from nhpocp.study.study import Study
 
 try:
@@ -31,6 +33,7 @@ except (
 
 VERSION = "1"
 PATIENCE = 60.0  # seconds to wait for another program that writes
+FACTS = ("schema_version", "name", "runs", "axes", "digest", "study", "problem", "problem_file")
 Row = dict[str, Any]
 # names that no key of a problem file has, which axes are called by
 COLUMNS: dict[str, str] = {
@@ -60,7 +63,10 @@ COLUMNS: dict[str, str] = {
 
 
 class Store:
-    """An open store; ``with`` closes it. Errors: `InvalidProblemError` where the file is none, or cannot be used."""
+    """An open store; ``with`` closes it, and names it in an `InvalidProblemError` that names no file.
+
+    Errors: `InvalidProblemError` where the file is none, or cannot be used.
+    """
 
     def __init__(self, file: Path, connection: sqlite3.Connection, lock: Any = None) -> None:
         self.file, self._connection, self._lock = file, connection, lock
@@ -70,13 +76,30 @@ class Store:
         """A store to be read."""
         if not file.is_file():
             raise InvalidProblemError("no such file; expected the store of a study", file=str(file))
+        # one that may write clears its journal up; where nobody may write, nobody does meanwhile
+        writable = os.access(file, os.W_OK) and os.access(file.parent, os.W_OK)
         with _told(file):
-            # one that may write clears its journal up; where nobody may write, nobody does meanwhile
-            how = "mode=rw" if os.access(file, os.W_OK) and os.access(file.parent, os.W_OK) else "immutable=1"
-            connection = sqlite3.connect(f"{file.resolve().as_uri()}?{how}", uri=True, timeout=PATIENCE)
+            if writable:
+                try:
+                    return cls._reading(file, "mode=rw")
+                except (
+                    sqlite3.OperationalError
+                ):  # a journal has no room, say; there may be nothing in it to be read
+                    journal = file.with_name(f"{file.name}-wal")
+                    if journal.exists() and journal.stat().st_size:
+                        raise
+            return cls._reading(file, "immutable=1")
+
+    @classmethod
+    def _reading(cls, file: Path, how: str) -> Self:
+        connection = sqlite3.connect(f"{file.resolve().as_uri()}?{how}", uri=True, timeout=PATIENCE)
+        try:
             connection.execute("PRAGMA query_only = ON")
             store = cls(file, connection)
             store._check_version()
+        except BaseException:
+            connection.close()
+            raise
         return store
 
     @classmethod
@@ -112,7 +135,7 @@ class Store:
         connection.execute("BEGIN IMMEDIATE")
         if self._facts(missing=True):
             self._check_version()
-            if self._facts()["digest"] != study.digest:
+            if self._facts().get("digest") != study.digest:
                 words = (
                     "this store is of another study, or of an older text of this one; -o names another folder"
                 )
@@ -156,6 +179,13 @@ class Store:
         return dict(self._connection.execute("SELECT key, value FROM study"))
 
     def _check_version(self) -> None:
+        """Errors: `InvalidProblemError` for another version, or where what should be tables are other things."""
+        kinds = dict(self._connection.execute("SELECT name, type FROM sqlite_master"))
+        for name in ("study", "sessions", "runs"):
+            if kinds.get(name) != "table":
+                raise InvalidProblemError(
+                    f"this is no store of a study (no table {name})", file=str(self.file)
+                )
         version = self._facts().get("schema_version")
         if version != VERSION:
             words = f"a store of version {version}; this nhpocp reads version {VERSION}"
@@ -163,16 +193,30 @@ class Store:
 
     @property
     def facts(self) -> dict[str, Any]:
-        """What the study is, by key."""
+        """What the study is, by key. Errors: `InvalidProblemError` where one is missing or damaged."""
         with _told(self.file):
-            return self._facts()
+            facts = self._facts()
+        for key in FACTS:
+            value = facts.setdefault(key, None)
+            if not isinstance(value, str) and (key, value) != ("problem_file", None):
+                raise InvalidProblemError(
+                    f"damaged: expected text, got {describe(value)}", path=key, file=str(self.file)
+                )
+        if not re.fullmatch("[0-9]{1,9}", facts["runs"]):
+            raise InvalidProblemError("damaged: expected a number of runs", path="runs", file=str(self.file))
+        return facts
 
     @property
     def axes(self) -> list[str]:
-        """The paths of the axes."""
-        with _told(self.file):
-            axes: list[str] = json.loads(self._facts()["axes"])
-            return axes
+        """The paths of the axes. Errors: `InvalidProblemError` where they are damaged."""
+        text = self.facts["axes"]
+        try:
+            axes = json.loads(text)
+        except (ValueError, RecursionError):
+            axes = None
+        if not isinstance(axes, list) or not all(isinstance(path, str) for path in axes):
+            raise InvalidProblemError("damaged: expected a list of paths", path="axes", file=str(self.file))
+        return axes
 
     def begin(self, workers: int, environment: Mapping[str, Any]) -> int:
         """A new session; its number."""
@@ -192,9 +236,15 @@ class Store:
             self._connection.executemany(f"INSERT OR IGNORE INTO runs ({names}) VALUES ({places})", rows)
 
     def done(self) -> set[int]:
-        """The numbers of the runs that are stored."""
+        """The numbers of the runs that are stored. Errors: `InvalidProblemError` for one that the study has not."""
         with _told(self.file):
-            return {run for (run,) in self._connection.execute("SELECT run FROM runs")}
+            runs = {run for (run,) in self._connection.execute("SELECT run FROM runs")}
+        most = int(self.facts["runs"])
+        for run in runs:
+            if not isinstance(run, int) or not 1 <= run <= most:
+                words = f"damaged: run {run!r:.40}; the study has 1…{most}"
+                raise InvalidProblemError(words, file=str(self.file))
+        return runs
 
     def outcomes(self) -> dict[str, int]:
         """How many runs ended so, by outcome."""
@@ -209,16 +259,20 @@ class Store:
             return None if run is None else int(run)
 
     def rows(self, where: str = "1", values: Iterable[Any] = ()) -> Iterator[Row]:
-        """Rows in the order of their numbers, one at a time."""
+        """Rows in the order of their numbers, one at a time. Errors: `InvalidProblemError` for damaged cells."""
         names = list(COLUMNS)
         with _told(self.file):
             query = f"SELECT {', '.join(names)} FROM runs WHERE {where} ORDER BY run"
             for entries in self._connection.execute(query, tuple(values)):
-                yield dict(zip(names, entries, strict=True))
+                row = dict(zip(names, entries, strict=True))
+                check_row(row, COLUMNS)
+                yield row
 
     def row(self, run: int) -> Row:
         """The row of one run. Errors: `InvalidProblemError` where it is not stored."""
         for row in self.rows("run = ?", [run]):
+            with _told(self.file):
+                check_whole(row, self.axes)
             return row
         count = len(self.done())
         words = f"run {run} is not stored here; {count} of the runs 1…{self.facts['runs']} are"
@@ -255,8 +309,10 @@ class Store:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, *error: object) -> None:
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         self.close()
+        if isinstance(error, InvalidProblemError) and error.file is None:
+            error.file = str(self.file)
 
 
 def _locked(file: Path) -> Any:
@@ -279,7 +335,9 @@ def _told(file: Path) -> Iterator[None]:
     """What SQLite and the system refuse, in our words."""
     try:
         yield
-    except sqlite3.DatabaseError as error:
+    except InvalidProblemError as error:
+        raise error if error.file else error.changed(file=str(file)) from None
+    except (sqlite3.Error, UnicodeDecodeError) as error:  # which the words of SQLite's errors may cause too
         if isinstance(error, sqlite3.OperationalError) and "no such table" not in str(error):
             raise InvalidProblemError(f"cannot use this store: {error}", file=str(file)) from error
         raise InvalidProblemError(f"this is no store of a study ({error})", file=str(file)) from error

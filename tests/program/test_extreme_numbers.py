@@ -73,6 +73,14 @@ def test_no_control_is_drawn_whose_derivatives_overflow(tmp_path):
     assert status(["solve", path, *options, "-o", str(tmp_path / "plan")]) == 1
 
 
+def test_a_jacobian_that_overflows_in_the_metric_is_not_finite(tmp_path):
+    """Finite as it is: what the NLP falls back on met it in its guess."""
+    changes = ("start.y=1e155", "output.pictures=false", "solvers.nlp.max_iterations=9")
+    options = [word for change in changes for word in ("--set", change)]
+    path = str(PROBLEMS / "heisenberg.yaml")
+    assert status(["solve", path, "--solver", "nlp", *options, "-o", str(tmp_path / "plan")]) == 1
+
+
 def test_units_of_costs_overflow_in_silence():
     huge = Scales(Integrators(), length=1e200, time=1.0, number=1e200, radius=1e200)
     for objective in OBJECTIVES.values():

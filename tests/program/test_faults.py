@@ -30,7 +30,9 @@ def struck(trial, full, most):
     return len(chosen)
 
 
-@pytest.mark.parametrize(("name", "most"), [("solve", 32), ("compare", 24), ("plot", 16)])
+@pytest.mark.parametrize(
+    ("name", "most"), [("solve", 32), ("compare", 24), ("plot", 16), ("export", 8), ("solve --from", 12)]
+)
 def test_a_verb_may_be_killed_anywhere(name, most, top):
     """At every moment, with real pictures: `python tests/faults.py`."""
     assert struck(faults.Trial.of(name, top), False, most) == most
@@ -43,7 +45,18 @@ def test_solve_may_be_killed_where_folders_cannot_be_exchanged(top, monkeypatch)
 
 @pytest.mark.parametrize(
     ("name", "most"),
-    [("solve", 9), ("compare", 9), ("plot", 6), ("analyze", 6), ("animate", 4), ("schema", 4), ("init", 6)],
+    [
+        *[
+            ("solve", 9),
+            ("compare", 9),
+            ("plot", 6),
+            ("analyze", 6),
+            ("animate", 4),
+            ("schema", 4),
+            ("init", 6),
+        ],
+        *[("export", 4), ("solve --from", 6)],
+    ],
 )
 def test_a_full_disk_costs_a_sentence_and_no_file(name, most, top):
     assert struck(faults.Trial.of(name, top), True, most) == most

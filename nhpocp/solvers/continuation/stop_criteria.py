@@ -7,10 +7,12 @@ from dataclasses import dataclass
 from math import log
 from typing import Any
 
+import numpy as np
+
 from nhpocp.outcome import Outcome
 from nhpocp.solvers.budget import Budget
 from nhpocp.solvers.continuation.ending import Ending
-from nhpocp.solvers.continuation.evaluation import Evaluation
+from nhpocp.solvers.continuation.evaluation import BEYOND_NUMBERS, Evaluation
 from nhpocp.solvers.continuation.generalized_inverses import Direction
 from nhpocp.solvers.continuation.trust_region import Number
 
@@ -67,7 +69,11 @@ class StopCriteria:
         return Ending(Outcome.DIVERGED, f"E = {here.error:.3g}, from {first:.3g} at the start")
 
     def _rank_deficient(self, here: Evaluation) -> Ending | None:
-        direction: Direction | None = here.direction
+        try:
+            with np.errstate(over="ignore", invalid="ignore"):  # said in words below
+                direction: Direction | None = here.direction
+        except np.linalg.LinAlgError:  # finite, and no longer so in the coordinates of the metric
+            return BEYOND_NUMBERS
         if direction is None or not direction.blocked:
             return None
         values = " ".join(f"{x:.2g}" for x in direction.singular_values)

@@ -240,7 +240,8 @@ class StagedTranscription(Transcription):
     def costates(self, x: Array, multipliers: Array) -> Array | None:
         space, d = self.problem.system.state_space, self.interval.dimension
         costates = np.array([multipliers[i : i + d] for i in self.first_rows])
-        costates *= self.cost_unit / self.problem.scales.states
+        with np.errstate(over="ignore", invalid="ignore"):  # of a guess that overflowed
+            costates *= self.cost_unit / self.problem.scales.states
         _, locals_ = self._stages(x)
         for block in space.blocks:
             if block.kind == "rotation":  # ċ = ½ (ω + ω×c + (c·ω) c) of the Gibbs vector c, transposed
