@@ -198,12 +198,12 @@ class Survey:
     """What a study found.
 
     store: the file. text, problem_text: the study file and the problem file. problem: the one around which the axes
-    vary. runs: of the study, stored or not. solvers: labels of its variants. tallies: of each solver how many runs are
-    stored and solved. outcomes: the first is success, the commonest failures follow. quantities: those of which there is a
-    value. cost: the name of the one that is the cost. spreads: by quantity and solver.
-    environments: of every session. seconds: by the clock, of all sessions; processor: of solving and verifying, all
-    runs together. batched: whether runs were planned together, and time is a share. unminimised: whether the Jacobian
-    method took the first control that reached the goal.
+    vary. runs: of the study, stored or not. solvers: labels of its variants. tallies: of each solver how many runs
+    are stored and solved. outcomes: the first is success, the commonest failures follow. quantities: those of which
+    there is a value. cost: the name of the one that is the cost. spreads: by quantity and solver. environments: of
+    every session. seconds: by the clock, of all sessions; processor: of solving and verifying, all runs together.
+    batched: whether runs were planned together, and time is a share. unminimised: whether the Jacobian method took
+    the first control that reached the goal.
     """
 
     name: str
