@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from nhpocp.api import save_solution as save_solution
     from nhpocp.api import simulate as simulate
     from nhpocp.api import solve as solve
+    from nhpocp.api import sweep as sweep
     from nhpocp.api import verify as verify
     from nhpocp.api import write_animation as write_animation
     from nhpocp.api import write_report as write_report
@@ -246,6 +247,7 @@ _HOMES = {
     "scalar": "state_space",
     "simulate": "api",
     "solve": "api",
+    "sweep": "api",
     "vector": "state_space",
     "verify": "api",
     "write_animation": "api",

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 from nhpocp import planning
 from nhpocp.arrays import Array
 from nhpocp.controls.control import Control
+from nhpocp.declared import whole_number
 from nhpocp.doubts import doubts
 from nhpocp.errors import CallError, InvalidProblemError, NhpocpWarning, describe, expect
 from nhpocp.family import Family
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
     from nhpocp.batch import Plan
     from nhpocp.comparison import Comparison, Entry, Run
     from nhpocp.flow.simulation import Motion
+    from nhpocp.study.sweep import Tally
 
 Named = str | os.PathLike[str]  # of a file or folder
 A_PROBLEM = "a PlanningProblem or the name of a problem file"
@@ -114,6 +116,37 @@ def compare(
     made = [item if isinstance(item, comparison.Run) else _problem(item) for item in many]
     with followed(progress) as listener:
         return comparison.compare(made, wanted, listener, finished)
+
+
+def sweep(
+    study: Named,
+    folder: Named | None = None,
+    *,
+    workers: int | None = None,
+    make: Callable[[], Executor] | None = None,
+    resume: bool = False,
+) -> Tally:
+    """Performs the runs of a study file, each verified and stored as it ends: a row in ``folder``/study.sqlite.
+
+    folder: results/NAME of the study unless named. workers: processes, one for every core. make: makes the executor to
+    work in instead, which is shut down at the end, such as ``lambda: ProcessPoolExecutor(8)`` or
+    ``lambda: DaskExecutor("tcp://first:8786")``. resume: run what the store there does not have yet. The `Tally` says
+    how many are solved and verified; `Store.open` reads the rows. Processes are begun anew, so a script guards what it
+    does by ``if __name__ == "__main__":``. Ctrl-C ends it, and the tally says ``stopped``. Errors:
+    `InvalidProblemError`, as for a store that is there without being asked for.
+    """
+    from nhpocp.solution_folder import folder_name
+    from nhpocp.study.study import read_study
+    from nhpocp.study.sweep import opened
+    from nhpocp.study.sweep import sweep as perform
+
+    _expect_name(study, "the name of a study file", "study")
+    read = read_study(Path(study))
+    if folder is not None:
+        _expect_name(folder, "the name of a folder", "folder")
+    many = whole_number(os.cpu_count() or 1 if workers is None else workers, "workers", least=1)
+    with opened(read, Path(folder or Path("results") / folder_name(read.name)), resume) as store:
+        return perform(read, store, many, make=make)
 
 
 def analyze(

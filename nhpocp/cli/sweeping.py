@@ -18,12 +18,11 @@ from nhpocp.cli.options import json_option
 from nhpocp.cli.terminal import console, put, say, tell
 from nhpocp.errors import InvalidProblemError
 from nhpocp.interruption import Interruption
+from nhpocp.study import STORE
 
 if TYPE_CHECKING:
     from nhpocp.study.study import Study
     from nhpocp.study.sweep import Tally
-
-STORE = "study.sqlite"
 
 
 @click.command(
@@ -58,23 +57,19 @@ def sweep(
     """
     from nhpocp.solution_folder import folder_name
     from nhpocp.study.report import check_home
-    from nhpocp.study.store import Store
     from nhpocp.study.study import read_study
+    from nhpocp.study.sweep import opened
     from nhpocp.study.sweep import sweep as run_all
 
     study = read_study(file)
     many = workers or os.cpu_count() or 1
     folder = output or Path("results") / folder_name(study.name)
-    if study.optimise:
-        from nhpocp.study.optimiser import check_place
-
-        check_place(folder / STORE, resume)
     check_home(folder)
     # before and after the runs there is nothing to stop: all that has ended is stored
     with (
         Interruption(patient=True),
         _dask(dask, workers) as make,
-        Store.create(folder / STORE, study, resume) as store,
+        opened(study, folder, resume) as store,
     ):
         with _live(as_json, study) as show:
             tally = run_all(study, store, many, show, make)

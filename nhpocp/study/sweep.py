@@ -11,12 +11,14 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import islice
+from pathlib import Path
 from time import perf_counter
 from typing import Any
 
 from nhpocp.interruption import Interruption
 from nhpocp.provenance import environment
 from nhpocp.solvers.workers import OFTEN, awaited, deaf_to_ctrl_c, own_executor, permit, processes, submitted
+from nhpocp.study import STORE
 from nhpocp.study.cluster import WorkerDiedError
 from nhpocp.study.order import Piece, one_by_one
 from nhpocp.study.rounds import Round, rounds
@@ -63,6 +65,18 @@ class Tally:
 
 
 Listener = Callable[[Tally], Any] | None
+
+
+def opened(study: Study, folder: Path, resume: bool) -> Store:
+    """The store of a study in its folder: a new one, or with ``resume`` the one that is there.
+
+    Errors: `InvalidProblemError` as of `Store.create`, `MissingDependencyError` where there is no optimiser.
+    """
+    if study.optimise:
+        from nhpocp.study.optimiser import check_place
+
+        check_place(folder / STORE, resume)
+    return Store.create(folder / STORE, study, resume)
 
 
 def sweep(

@@ -290,6 +290,21 @@ def test_a_worker_that_dies_costs_one_retry_and_one_that_dies_again_a_row(tmp_pa
     ] * 3  # which were under way with it
 
 
+def test_from_python(tmp_path, monkeypatch, undisturbed):
+    (tmp_path / "corners.yaml").write_text(LONG)
+    monkeypatch.chdir(tmp_path)
+    tally = nhpocp.sweep("corners.yaml", workers=1, make=here)
+    assert (tally.runs, tally.converged, tally.failed, tally.stopped) == (24, 24, 0, False)
+    alike(rows(tmp_path / "results" / "corners" / "study.sqlite"), undisturbed)
+    with pytest.raises(InvalidProblemError, match="this store exists"):
+        nhpocp.sweep("corners.yaml")
+    assert nhpocp.sweep("corners.yaml", resume=True, make=here).done == 0
+    with pytest.raises(InvalidProblemError, match="workers: "):
+        nhpocp.sweep("corners.yaml", "other", workers=0)
+    with pytest.raises(InvalidProblemError, match="study: expected the name of a study file, got the number 3"):
+        nhpocp.sweep(3)
+
+
 def test_a_second_sweep_on_one_store_is_refused(tmp_path):
     study = read_study_text(UNICYCLE)
     with (
