@@ -59,7 +59,8 @@ KEYS = [
     *("solvers.jacobian.step_rule", "solvers.nlp.tolerance"),
 ]
 FLAGS = ["--solver", "--set", "--json", "--trace", "-o", "--debugg", "-h", "--", "", "\udcff"]
-OUTPUTS = {"out", "results", "study.sqlite", *(f"study.sqlite-{name}" for name in ("wal", "shm", "journal"))}
+OUTPUTS = {"out", "results", "report.html", "comparison.tex", "study.sqlite"}
+OUTPUTS |= {f"study.sqlite-{name}" for name in ("wal", "shm", "journal")}
 STUDY = """\
 nhpocp: 1
 study:

@@ -141,7 +141,7 @@ class Store:
                 )
                 raise InvalidProblemError(words, file=str(self.file))
             last = connection.execute("SELECT max(run) FROM runs").fetchone()[0] or 0
-            if last > len(study):
+            if last > len(study) and study.optimise:
                 words = (
                     f"run {last} is stored, of {len(study)}; --resume takes as many trials as before, or more"
                 )
@@ -267,6 +267,12 @@ class Store:
                 row = dict(zip(names, entries, strict=True))
                 check_row(row, COLUMNS)
                 yield row
+
+    def check(self) -> None:
+        """Errors: `InvalidProblemError` for a damaged cell in any row."""
+        axes = self.axes
+        for row in self.rows():
+            check_whole(row, axes)
 
     def row(self, run: int) -> Row:
         """The row of one run. Errors: `InvalidProblemError` where it is not stored."""

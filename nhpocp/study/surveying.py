@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from nhpocp.errors import InvalidProblemError, one_line
 from nhpocp.objectives.registry import costs_of_motion
 from nhpocp.problem import PlanningProblem
 from nhpocp.problem_file.reading import read_text
@@ -29,9 +30,11 @@ SOLVED = "converged"
 def survey(store: Store) -> Survey:
     """What the runs of a store found together.
 
-    Errors: `InvalidProblemError` for a store whose study can no longer be read, such as without a plugin.
+    Errors: `InvalidProblemError` for a store that is damaged, or whose study can no longer be read, such as without a
+    plugin.
     """
     with store.snapshot():
+        store.check()
         facts = store.facts
         study = read_study_text(facts["study"], f"{facts['name']}.yaml", facts["problem"])
         study = known(study, store) if study.optimise else study
@@ -139,10 +142,13 @@ class _Surveyor:
         query = """sessions.environment, sessions.workers, sessions.began, max(runs.finished) FROM sessions
                    JOIN runs ON runs.session = sessions.session GROUP BY sessions.session"""
         for environment, processes, began, ended in self.store.select(query):
-            known = {key: value for key, value in json.loads(environment).items() if value is not None}
+            try:
+                known = {key: value for key, value in json.loads(environment).items() if value is not None}
+                span = datetime.fromisoformat(ended) - datetime.fromisoformat(began)
+                workers.append(int(processes))
+            except (TypeError, ValueError, AttributeError, RecursionError) as error:
+                raise InvalidProblemError(f"damaged: {one_line(error)}", path="sessions") from None
             environments.append(known)
-            workers.append(processes)
-            span = datetime.fromisoformat(ended) - datetime.fromisoformat(began)
             seconds += max(span.total_seconds(), 0.0)
         return tuple(environments), seconds, tuple(dict.fromkeys(workers))
 

@@ -19,6 +19,7 @@ from tests.study.test_sweep import UNICYCLE, here
 
 FEW = UNICYCLE.replace("[0.5, 2, 4]", "[1, 2, 2]").replace("[0, 30 deg, -pi/4]", "[0]") + "  order: nearest\n"
 EXPORT, PARQUET = ["export", "s", "-o", "out.csv"], ["export", "s", "--format", "parquet", "-o", "out"]
+REPORT = ["compare", "--from", "s", "-o", "."]
 SOLVE, RESUME = (
     ["solve", "--from", "s", "--run", "1", "-o", "out"],
     ["sweep", "few.yaml", "-o", ".", "--resume"],
@@ -60,7 +61,7 @@ def said(stored, tmp_path, damage, call):
         ),
         (
             "UPDATE study SET value = 'x' WHERE key = 'runs'",
-            RESUME,
+            EXPORT,
             "runs: damaged: expected a number of runs",
         ),
         ("UPDATE study SET value = 'x' WHERE key = 'digest'", RESUME, "this store is of another study"),
@@ -84,6 +85,13 @@ def said(stored, tmp_path, damage, call):
         ("UPDATE runs SET parameters = '{}'", SOLVE, "run 1: parameters: damaged: expected values of goal."),
         ("UPDATE runs SET solved_control = '3'", SOLVE, "run 1: solved_control: damaged: expected a mapping"),
         ("UPDATE runs SET solved_control = '{\"horizon\": []}'", SOLVE, "a stored control is damaged"),
+        ("UPDATE sessions SET began = 'x'", REPORT, "sessions: damaged: ValueError: Invalid isoformat"),
+        ("UPDATE runs SET limits = '['", REPORT, "run 1: limits: damaged: this is not JSON"),
+        (
+            "UPDATE runs SET effort = 'x'",
+            REPORT,
+            "run 1: effort: damaged: expected a number, got the text 'x'",
+        ),
         (
             "DELETE FROM runs WHERE run = 2; UPDATE runs SET solved_control = '{'",
             RESUME,
