@@ -10,7 +10,7 @@ import numpy as np
 from nhpocp.arrays import Array
 from nhpocp.constructed import Constructed
 from nhpocp.controls.basis import ControlBasis, Side
-from nhpocp.controls.samples import Samples
+from nhpocp.controls.samples import SLICE, Samples
 from nhpocp.controls.table import Gram
 from nhpocp.declared import real
 from nhpocp.errors import InvalidProblemError, describe, expect
@@ -51,6 +51,8 @@ class Control(ByValue, Constructed):
     def __call__(self, times: Array, side: Side = "right") -> Array:
         """Values at times (k,) → (k, inputs)."""
         times = np.atleast_1d(times)
+        if len(times) * self.basis.size <= SLICE:
+            return self.basis.local_table(times, self.horizon, side) @ self.coefficients.T
         return Samples(self.basis, self.horizon, times, side == "left").controls(self.coefficients)
 
     def derivative(self, times: Array, side: Side = "right") -> Array:
