@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from nhpocp.errors import InvalidProblemError, one_line
+from nhpocp.errors import InvalidProblemError, describe, one_line
 from nhpocp.objectives.registry import costs_of_motion
 from nhpocp.problem import PlanningProblem
 from nhpocp.problem_file.reading import read_text
@@ -49,6 +49,9 @@ class _Surveyor:
         for label, outcome, count in store.select(
             "variant, outcome, count(*) FROM runs GROUP BY variant, outcome"
         ):
+            if label not in self.counts:
+                words = f"damaged: {describe(label)} is none of the study's solvers"
+                raise InvalidProblemError(words, path="runs: variant")
             self.counts[label][outcome] += count
         every = sum(self.counts.values(), Counter[str]())
         failed = sorted((name for name in every if name != SOLVED), key=lambda name: (-every[name], name))

@@ -86,6 +86,11 @@ def said(stored, tmp_path, damage, call):
         ("UPDATE runs SET solved_control = '3'", SOLVE, "run 1: solved_control: damaged: expected a mapping"),
         ("UPDATE runs SET solved_control = '{\"horizon\": []}'", SOLVE, "a stored control is damaged"),
         ("UPDATE sessions SET began = 'x'", REPORT, "sessions: damaged: ValueError: Invalid isoformat"),
+        (
+            "UPDATE runs SET variant = 'x'",
+            REPORT,
+            "runs: variant: damaged: the text 'x' is none of the study's",
+        ),
         ("UPDATE runs SET limits = '['", REPORT, "run 1: limits: damaged: this is not JSON"),
         (
             "UPDATE runs SET effort = 'x'",
