@@ -35,9 +35,10 @@ atexit.register(shutil.rmtree, os.environ["NHPOCP_CACHE"], ignore_errors=True)
 
 
 def pytest_collection_finish() -> None:
-    """What six thousand tests consist of is not garbage: looking through it again and again took 5 % of their time."""
+    """What thousands of tests consist of is no garbage: without looking for it 1122 of them took 72 s for 76."""
     gc.collect()
     gc.freeze()
+    gc.set_threshold(50_000, 20, 50)
 
 
 # [Paper] section 4: λ11 = λ21 = λ32 = .5, λ30 = 1
