@@ -55,7 +55,7 @@ def find_peaks(path: PlannedPath, profile: Profile) -> Peaks:
                 greatest[which] = sizes[piece, point]
                 near[which] = rows[piece][[max(point - 1, 0), min(point + 1, count - 1)]]
                 within[which] = limits[piece : piece + 2]
-    for which in np.flatnonzero(greatest):
+    for which in (k for k in range(2) if greatest[k] > 0):
         greatest[which] = max(greatest[which], _zoomed(path, profile, which, near[which], within[which]))
     jump = _first_jump(path, profile, ends, borders, JUMP * greatest[0])
     return Peaks(float(greatest[0]), float(greatest[1]), jump)

@@ -89,8 +89,8 @@ def make_motion(
     plan's own. profile: "quintic", at rest at both ends, or "linear", the plan's own timing; none: quintic, but linear
     for a system with drift. max_speed, max_acceleration: of every leg with a motor [length/time, …/time²]; of systems
     without legs of every input.
-    Errors: `InvalidProblemError` for a system with drift in another timing than its own, for limits that the duration
-    breaks (naming the least one) or that none keeps, and for a path that does not come to its end.
+    Errors: `InvalidProblemError` for a system with drift in another timing than its own or with limits, for limits that
+    the duration breaks (naming the least one) or that none keeps, and for a path that does not come to its end.
     """
     rate = _positive(rate, "--rate")
     limits = [
@@ -142,38 +142,47 @@ def _scaling(
     max_acceleration: float | None,
 ) -> TimeScaling:
     """Errors: `InvalidProblemError` for a timing that this system, or this machine, cannot follow."""
-    driftless = path.system.driftless
-    name = name or ("quintic" if driftless else "linear")
+    name = name or ("quintic" if path.system.driftless else "linear")
     if name not in PROFILES:
         raise InvalidProblemError(f"{name!r}; {suggestion(name, PROFILES)}", path="--profile")
     profile = PROFILES[name]
     wanted = None if duration is None else _positive(duration, "--duration")
-    other = wanted is not None and not np.isclose(wanted, path.horizon, rtol=1e-9, atol=0)
-    if not driftless and (name != "linear" or other):
-        words = (
-            f"{path.system.model} moves by itself (it has a drift), so its plan holds in its own time alone: "
-            f"expected --profile linear and no other --duration than {path.horizon:.9g}"
-        )
-        raise InvalidProblemError(words, path="--duration" if other else "--profile")
-    if max_speed is None and max_acceleration is None:
+    limited = max_speed is not None or max_acceleration is not None
+    if not path.system.driftless:
+        _require_own_time(path, name, wanted, limited)
+        return TimeScaling(profile, path.horizon, path.horizon)
+    if not limited:
         return TimeScaling(profile, path.horizon, wanted or path.horizon)
     peaks = find_peaks(path, profile)
     least = peaks.least_duration(max_speed, max_acceleration)
     if not np.isfinite(least):
         raise InvalidProblemError(_jumping(peaks.jump, path.horizon, name), path="--max-acceleration")
-    least *= 1.0 + ROOM
-    given = wanted if driftless else path.horizon
-    if given is not None and given < least:
-        near = np.ceil(least / 10.0 ** (np.floor(np.log10(least)) - 5)) * 10.0 ** (
-            np.floor(np.log10(least)) - 5
+    if wanted is not None and wanted < least * (1.0 - ROOM):
+        words = (
+            f"{wanted:g} is too short for these limits; the least duration that keeps them is {_up(least)}"
         )
-        words = f"{given:g} is too short for these limits; the least duration that keeps them is {near:.6g}"
-        if not driftless:
-            words += (
-                f", and {path.system.model} moves by itself (it has a drift): plan with `horizon: {near:.6g}`"
-            )
         raise InvalidProblemError(words, path="--duration")
-    return TimeScaling(profile, path.horizon, given or least or path.horizon)
+    # of a plan that stands still the least is 0
+    return TimeScaling(profile, path.horizon, wanted or least * (1.0 + ROOM) or path.horizon)
+
+
+def _require_own_time(path: PlannedPath, profile: str, duration: float | None, limited: bool) -> None:
+    """Errors: `InvalidProblemError` for what a system with drift cannot do."""
+    itself = f"{path.system.model} moves by itself (it has a drift), so its plan holds in its own time alone"
+    if profile != "linear":
+        raise InvalidProblemError(f"{itself}; expected --profile linear", path="--profile")
+    if duration is not None and not np.isclose(duration, path.horizon, rtol=ROOM, atol=0):
+        words = f"{itself}, {path.horizon:.9g}; plan with `horizon: {duration:g}`"
+        raise InvalidProblemError(words, path="--duration")
+    if limited:
+        words = f"{itself}; state limits as `constraints:` of the problem and plan again"
+        raise InvalidProblemError(words, path="--max-speed, --max-acceleration")
+
+
+def _up(value: float) -> str:
+    """A number in six figures that is no less."""
+    unit = 10.0 ** (np.floor(np.log10(value)) - 5)
+    return f"{np.ceil(value / unit) * unit:.6g}"
 
 
 def _jumping(time: float | None, horizon: float, profile: str) -> str:
