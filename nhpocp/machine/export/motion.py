@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -22,7 +22,7 @@ from nhpocp.state_space import Block
 from nhpocp.units import Units
 
 RATE = 100.0  # samples per unit of time
-MOST = 1_000_000  # samples
+MOST = 500_000  # samples
 ROOM = 1e-9  # of a duration: as much longer than the least one as rounding is worth
 
 
@@ -66,12 +66,25 @@ class Motion:
     system: dict[str, Any]
     converged: bool
 
-    def columns(self) -> Iterator[Entry]:
+    def columns(self) -> list[Entry]:
         """An entry for every number, components counted from 1: `position_1`, `orientation_1_2`."""
-        for entry in self.entries:
-            for place in np.ndindex(*entry.values.shape[1:]):
-                name = "_".join([entry.name, *(str(i + 1) for i in place)])
-                yield Entry(name, entry.values[(slice(None), *place)], entry.unit, entry.meaning)
+        return _renamed(
+            Entry(
+                "_".join([entry.name, *(str(i + 1) for i in place)]),
+                entry.values[(slice(None), *place)],
+                entry.unit,
+                entry.meaning,
+            )
+            for entry in self.entries
+            for place in np.ndindex(*entry.values.shape[1:])
+        )
+
+
+def _renamed(entries: Iterable[Entry]) -> list[Entry]:
+    """With names that are identifiers, each once."""
+    every = list(entries)
+    names = identifiers(entry.name for entry in every)
+    return [replace(entry, name=name) for name, entry in zip(names, every, strict=True)]
 
 
 def make_motion(
@@ -110,16 +123,17 @@ def make_motion(
         *_inputs(problem, at, speed, change),
         *_legs(path, at, speed, change),
     ]
-    names = identifiers(entry.name for entry in entries)
+    for entry in entries:
+        lost = ~np.isfinite(entry.values.reshape(len(times), -1)).all(axis=1)
+        if lost.any():
+            words = f"{entry.meaning} is not finite at t={times[np.argmax(lost)]:g}"
+            raise InvalidProblemError(f"{words}; there is nothing for a machine here")
     return Motion(
         name=problem.name,
         times=times,
         scaling=scaling,
         rate=rate,
-        entries=tuple(
-            Entry(name, entry.values, entry.unit, entry.meaning)
-            for name, entry in zip(names, entries, strict=True)
-        ),
+        entries=tuple(_renamed(entries)),
         joints=tuple(_joints(path, at, speed, change)),
         units=problem.units,
         system={"model": problem.system.model, **problem.system.parameters()},

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -16,6 +17,7 @@ from nhpocp.solution import Solution
 from nhpocp.systems.numeric import NumericSystem
 from nhpocp.verification.replay import replay
 
+TABLE = 2_000_000  # numbers of a table of basis functions
 SAME_TIME = 1e-12  # of the horizon: a time so near to a jump of the control is after it
 
 
@@ -72,10 +74,8 @@ class PlannedPath:
         left = times >= self.horizon
         if before_jumps is not None:
             left = left | before_jumps
-        controls, rates = (
-            np.where(left[:, None], of(times, "left"), of(times, "right"))
-            for of in (self.control, self.control.derivative)
-        )
+        controls = self._from_either_side(self.control, times, left)
+        rates = self._from_either_side(self.control.derivative, times, left)
         states = self._path(times)
         values = call(mapped(self._derivatives, len(times)), states, controls, rates)
         velocities, accelerations, lengths, speeds, length_rates = (
@@ -89,6 +89,16 @@ class PlannedPath:
         if self.motors:
             return at.leg_speeds[:, self.motors], at.leg_accelerations[:, self.motors]
         return at.controls, at.control_rates
+
+    def _from_either_side(self, of: Callable[..., Array], times: Array, left: Array) -> Array:
+        """`control` or `control.derivative` at times (k,), from the left where `left` says so, some at a time."""
+        values = np.empty((len(times), len(self.control.coefficients)))
+        some = max(1, TABLE // self.control.basis.size)
+        for side, chosen in (("left", np.flatnonzero(left)), ("right", np.flatnonzero(~left))):
+            for first in range(0, len(chosen), some):
+                part = chosen[first : first + some]
+                values[part] = of(times[part], side)
+        return values
 
     def _snapped(self, times: Array) -> Array:
         """Times that differ from a jump, or from the end, by rounding alone are that time."""

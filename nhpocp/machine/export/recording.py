@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from nhpocp.arrays import Array
 from nhpocp.errors import MissingDependencyError
 from nhpocp.machine.export.motion import Entry, Motion
 from nhpocp.machine.export.ros2 import NANOSECONDS, require_seconds
@@ -43,7 +45,7 @@ def write_mcap(motion: Motion, file: Path) -> None:
         words = 'MCAP needs the package mcap; install it with: pip install "nhpocp[export]"'
         raise MissingDependencyError(words) from None
     require_seconds(motion, "MCAP")
-    columns = list(motion.columns())
+    columns = motion.columns()
     channels = [("/motion", "nhpocp.Motion", _schema(columns), _rows(columns))]
     entries = {entry.name: entry.values for entry in motion.entries}
     quaternions, positions = entries.get("orientation_quaternion"), entries.get("position")
@@ -67,9 +69,10 @@ def write_mcap(motion: Motion, file: Path) -> None:
                 )
                 for topic, name, schema, _ in channels
             ]
-            for k, stamp in enumerate(stamps):
-                for place, (_, _, _, messages) in zip(ids, channels, strict=True):
-                    data = json.dumps(messages[k], allow_nan=False).encode()
+            together = zip(*(messages for _, _, _, messages in channels), strict=True)
+            for k, (stamp, messages) in enumerate(zip(stamps, together, strict=True)):
+                for place, message in zip(ids, messages, strict=True):
+                    data = json.dumps(message, allow_nan=False).encode()
                     writer.add_message(place, log_time=stamp, publish_time=stamp, sequence=k, data=data)
             writer.finish()
 
@@ -87,19 +90,17 @@ def _schema(columns: list[Entry]) -> dict[str, Any]:
     return {"type": "object", "properties": described}
 
 
-def _rows(columns: list[Entry]) -> list[dict[str, Any]]:
+def _rows(columns: list[Entry]) -> Iterator[dict[str, Any]]:
     names = [column.name for column in columns]
     values = zip(*(column.values.tolist() for column in columns), strict=True)
-    return [dict(zip(names, row, strict=True)) for row in values]
+    return (dict(zip(names, row, strict=True)) for row in values)
 
 
-def _poses(times: list[float], positions: Any, quaternions: Any) -> list[dict[str, Any]]:
-    poses = []
+def _poses(times: list[float], positions: Array, quaternions: Array) -> Iterator[dict[str, Any]]:
     for time, position, (w, *xyz) in zip(times, positions.tolist(), quaternions.tolist(), strict=True):
         sec, nsec = divmod(round(time * NANOSECONDS), NANOSECONDS)
         pose = {
             "position": dict(zip("xyz", position, strict=True)),
             "orientation": {**dict(zip("xyz", xyz, strict=True)), "w": w},
         }
-        poses.append({"timestamp": {"sec": sec, "nsec": nsec}, "frame_id": "base", "pose": pose})
-    return poses
+        yield {"timestamp": {"sec": sec, "nsec": nsec}, "frame_id": "base", "pose": pose}

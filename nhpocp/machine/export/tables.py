@@ -28,7 +28,7 @@ def facts(motion: Motion) -> dict[str, Any]:
 
 def write_csv(motion: Motion, file: Path) -> None:
     """A header and a row per sample; the columns are those of JSON."""
-    columns = list(motion.columns())
+    columns = motion.columns()
 
     def write(scratch: Path) -> None:
         with scratch.open("w", encoding="utf-8", newline="") as stream:
