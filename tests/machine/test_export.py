@@ -221,6 +221,15 @@ def test_a_state_without_legs_is_its_own_joints(tmp_path):
     assert [file.name for file in tmp_path.iterdir()] == ["car.yaml"]
 
 
+def test_small_and_large_numbers_are_numbers_to_ros2(tmp_path):
+    motion = make_motion(plan("car"), rate=1)
+    numbers = np.array([1e-05, -2e16])
+    odd = replace(motion.joints[0], position=numbers)
+    FORMATS["ros2"].write(replace(motion, joints=(odd,)), tmp_path / "a.yaml")
+    read = yaml.safe_load((tmp_path / "a.yaml").read_text(encoding="utf-8"))
+    assert [point["positions"] for point in read["points"]] == [[1e-05], [-2e16]]
+
+
 def test_names_of_problems_do_no_harm_to_c_and_yaml(tmp_path):
     named = replace(make_motion(plan("car"), rate=10), name='*/ #error "\n$x??/ 寸')
     for kind in ("c", "ros2"):

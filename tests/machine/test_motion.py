@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from nhpocp.cli.exporting import export
 from nhpocp.controls.control import Control
 from nhpocp.controls.piecewise_constant import PiecewiseConstant
 from nhpocp.errors import InvalidProblemError
-from nhpocp.machine.export.motion import make_motion
+from nhpocp.machine.export.motion import make_motion, quaternions
 from nhpocp.machine.export.time_scaling import PROFILES
 from nhpocp.verification.geometry import leg_frames
 from tests.machine.conftest import plan, reference
@@ -85,6 +86,13 @@ def test_leg_speeds_are_the_inputs_of_the_legs():
     speeds = np.stack([joint.velocity for joint in motion.joints], axis=1)
     inputs = np.stack([entries(motion)[name] for name in ("l1_dot", "l2_dot")], axis=1)
     close(speeds, inputs, 1e-8)
+
+
+def test_quaternions_go_on_through_half_turns():
+    angles = np.linspace(0.0, 4 * np.pi, 41)
+    w, x, y, z = quaternions(Rotation.from_rotvec(np.outer(angles, [0, 0, 1])).as_matrix()).T
+    close(np.stack([w, z]), np.stack([np.cos(angles / 2), np.sin(angles / 2)]), 1e-12)
+    assert not np.stack([x, y]).any()
 
 
 def test_quintic_rests_at_both_ends_and_linear_is_the_plan():

@@ -241,7 +241,7 @@ def _states(problem: PlanningProblem, at: Sampled, speed: Array, change: Array) 
         if turned:
             yield Entry(
                 f"{block.name}_quaternion",
-                _quaternions(values[block.name]),
+                quaternions(values[block.name]),
                 "",
                 f"{words} as w, x, y, z, without jumps of sign",
             )
@@ -256,7 +256,7 @@ def _states(problem: PlanningProblem, at: Sampled, speed: Array, change: Array) 
             yield Entry(name, rates[:, cut].reshape(shape), unit, f"{kind} of {words}{frame}")
 
 
-def _quaternions(rotations: Array) -> Array:
+def quaternions(rotations: Array) -> Array:
     """(k, 4) w, x, y, z of rotations (k, 3, 3); neighbours have the same sign."""
     numbers = np.roll(Rotation.from_matrix(rotations).as_quat(), 1, axis=1)
     turns = np.where(np.sum(numbers[1:] * numbers[:-1], axis=1) < 0, -1.0, 1.0)
