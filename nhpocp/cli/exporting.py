@@ -66,6 +66,9 @@ def export(source: Path, kind: str, output: Path | None, as_json: bool, **timing
     given = {name: value for name, value in timing.items() if value is not None}
     if source.is_dir():
         return _plan(source, kind, output, given, as_json)
+    if not source.exists():
+        words = "no such file or folder; expected a solution folder, or the store of a study"
+        raise InvalidProblemError(words, file=str(source))
     if given:
         words = "an option of a solution folder; a study's table takes --format and -o"
         raise InvalidProblemError(words, path=PLAN[next(iter(given))])
