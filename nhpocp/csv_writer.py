@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+import re
 from collections.abc import Iterable
 from typing import Any, TextIO
 
@@ -17,6 +18,20 @@ def write_table(
     writer = csv.writer(stream)  # lines end in \r\n: with another end a \r within a text would go unquoted
     writer.writerow([as_text(name) for name in names])
     writer.writerows([_cell(value, truth) for value in row] for row in rows)
+
+
+def identifiers(names: Iterable[str]) -> list[str]:
+    """Names that are identifiers, each once: what is none is written with underscores, what is taken gets a number."""
+    taken: list[str] = []
+    for name in names:
+        plain = re.sub(r"[^A-Za-z0-9_]", "_", name)
+        base = other = plain if re.match("[A-Za-z]", plain) else f"x{plain}"
+        count = 1
+        while other in taken:
+            count += 1
+            other = f"{base}_{count}"
+        taken.append(other)
+    return taken
 
 
 def as_text(text: str) -> str:

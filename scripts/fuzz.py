@@ -45,6 +45,7 @@ from spoiling import (
 
 from nhpocp.cli.entry import status
 from nhpocp.errors import InvalidProblemError
+from nhpocp.machine.export.registry import FORMATS
 from nhpocp.provenance import peak_memory, reset_peak_memory
 from nhpocp.study.store import COLUMNS
 from nhpocp.study.study import read_study
@@ -163,7 +164,9 @@ def solution_folders(draw: random.Random, home: Path, stored: Path) -> list[str]
         file.unlink()
     else:
         file.write_bytes(spoilt_bytes(draw, file.read_bytes()))
-    return draw.choice([["verify", "solution"]] * 3 + [["compare", "--from", "solution", "-o", "out"]])
+    exported = ["export", "solution", "--format", draw.choice(list(FORMATS)), "--rate", "20", "-o", "out"]
+    calls = [["verify", "solution"]] * 3 + [["compare", "--from", "solution", "-o", "out"], exported]
+    return draw.choice(calls)
 
 
 def study_bytes(draw: random.Random, home: Path, stored: Path) -> list[str]:

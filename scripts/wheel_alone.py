@@ -30,6 +30,7 @@ CALLS = [
     ["check", "problem.yaml", "study.yaml"],
     ["solve", "problem.yaml", "-o", "solved"],
     ["verify", "solved"],
+    ["export", "solved", "--format", "mat"],
     ["compare", "problem.yaml", "-o", "compared"],
     ["sweep", "study.yaml", "-o", "swept"],
     ["export", "swept/study.sqlite"],

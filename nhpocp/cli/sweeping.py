@@ -1,4 +1,4 @@
-"""The verbs `sweep` and `export`: many runs of one study, and their table."""
+"""The verb `sweep`: many runs of one study."""
 
 from __future__ import annotations
 
@@ -208,32 +208,3 @@ def _live(quiet: bool, study: Study) -> Iterator[Callable[[Tally], None] | None]
             bar.update(task, total=tally.runs, completed=tally.stored, words=words)
 
         yield show
-
-
-@click.command()
-@click.argument("store", type=click.Path(path_type=Path), metavar="STUDY.sqlite")
-@click.option("--format", "kind", type=click.Choice(["csv", "parquet"]), default="csv", show_default=True)
-@click.option("-o", "--output", type=click.Path(path_type=Path), help="The file; default: beside the store.")
-@json_option
-def export(store: Path, kind: str, output: Path | None, as_json: bool) -> int:
-    """Write the rows of a study's store as a table.
-
-    One row a run: its axes, how it ended, costs and margins. Parquet needs the extra `parquet`.
-    """
-    from nhpocp.solution_folder import unwritable
-    from nhpocp.study.export import FORMATS
-    from nhpocp.study.store import Store
-
-    file = output or store.with_suffix(f".{kind}")
-    if file.resolve() == store.resolve():
-        raise InvalidProblemError("this is the store itself; name another file", file=str(file))
-    with Store.open(store) as opened:
-        try:
-            FORMATS[kind](opened, file)
-        except OSError as error:  # of a full disk, which does not say where
-            raise unwritable(file, error) from error
-    if as_json:
-        put({"file": str(file)})
-    else:
-        tell(str(file))
-    return SOLVED

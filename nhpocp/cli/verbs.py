@@ -18,7 +18,7 @@ VERBS: Family[click.Command] = Family(
         "check": "nhpocp.cli.checking:check",
         "compare": "nhpocp.cli.solving:compare",
         "doctor": "nhpocp.cli.listing:doctor",
-        "export": "nhpocp.cli.sweeping:export",
+        "export": "nhpocp.cli.exporting:export",
         "init": "nhpocp.cli.starting:init",
         "plot": "nhpocp.cli.plotting:plot",
         "schema": "nhpocp.cli.starting:schema",

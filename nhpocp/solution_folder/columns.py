@@ -10,6 +10,7 @@ import numpy as np
 
 from nhpocp import so3
 from nhpocp.arrays import Array
+from nhpocp.csv_writer import identifiers
 from nhpocp.relative import blocks_with_goal, relative_to
 from nhpocp.solution import Solution
 from nhpocp.state_space import Block, shaped
@@ -39,20 +40,6 @@ def columns(solution: Solution) -> list[Column]:
     every = [*_stored(solution), *_angles(solution), *_relative(solution)]
     names = identifiers(column.name for column in every)
     return [replace(column, name=name) for name, column in zip(names, every, strict=True)]
-
-
-def identifiers(names: Iterable[str]) -> list[str]:
-    """Names that are identifiers, each once: what is none is written with underscores, what is taken gets a number."""
-    taken: list[str] = []
-    for name in names:
-        plain = re.sub(r"[^A-Za-z0-9_]", "_", name)
-        base = other = plain if re.match("[A-Za-z]", plain) else f"x{plain}"
-        count = 1
-        while other in taken:
-            count += 1
-            other = f"{base}_{count}"
-        taken.append(other)
-    return taken
 
 
 def _stored(solution: Solution) -> Iterator[Column]:

@@ -54,6 +54,7 @@ ROOMS = {
     "pyarrow": ("study",),
     "optuna": ("study",),
     "sqlalchemy": ("study",),
+    "mcap": ("machine",),
     "click": ("cli",),
     "rich": ("cli",),
 }

@@ -14,10 +14,10 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from nhpocp import planning
+from nhpocp.csv_writer import identifiers
 from nhpocp.problem_file import parse_problem, starter
 from nhpocp.solution import Solution
 from nhpocp.solution_folder import audit, load_solution, save_solution
-from nhpocp.solution_folder.columns import identifiers
 from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.step_rules import Euler
 from tests.conftest import paper_problem

@@ -1,0 +1,1 @@
+"""Plans and machines: what goes from a plan to a robot."""
