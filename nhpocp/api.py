@@ -128,12 +128,12 @@ def sweep(
 ) -> Tally:
     """Performs the runs of a study file, each verified and stored as it ends: a row in ``folder``/study.sqlite.
 
-    folder: results/NAME of the study unless named. workers: processes, one for every core. make: makes the executor to
-    work in instead, which is shut down at the end, such as ``lambda: ProcessPoolExecutor(8)`` or
-    ``lambda: DaskExecutor("tcp://first:8786")``. resume: run what the store there does not have yet. The `Tally` says
-    how many are solved and verified; `Store.open` reads the rows. Processes are begun anew, so a script guards what it
-    does by ``if __name__ == "__main__":``. Ctrl-C ends it, and the tally says ``stopped``. Errors:
-    `InvalidProblemError`, as for a store that is there without being asked for.
+    study: of a YAML file as `nhpocp init --study` writes. folder: results/NAME of the study unless named. workers:
+    processes, one for every core. make: makes the executor to work in instead, which is shut down at the end, such as
+    ``lambda: ProcessPoolExecutor(8)`` or ``lambda: DaskExecutor("tcp://first:8786")``. resume: run what the store
+    there does not have yet. The `Tally` says how many are solved and verified; `Store.open` reads the rows. Processes
+    are begun anew, so a script guards what it does by ``if __name__ == "__main__":``. Ctrl-C ends it, and the tally
+    says ``stopped``. Errors: `InvalidProblemError`, as for a store that is there without being asked for.
     """
     from nhpocp.solution_folder import folder_name
     from nhpocp.study.study import read_study

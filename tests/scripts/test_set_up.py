@@ -9,6 +9,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from ruamel.yaml import YAML
 
 ROOT = Path(__file__).parents[2]
 # pip notes where it was asked to install; the program is there afterwards
@@ -210,6 +211,11 @@ def test_the_lowest_versions_that_are_tested_are_those_that_are_stated():
     assert len(stated) == len(everywhere)
     lowest = {name.lower(): version for name, version in pins("constraints-lowest.txt").items()}
     assert {name: lowest[name] for name in stated} == stated
+
+
+def test_the_version_is_cited_as_it_is():
+    cited = YAML(typ="safe", pure=True).load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    assert cited["version"] == tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
 
 
 def test_the_same_tools_test_both():

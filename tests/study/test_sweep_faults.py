@@ -105,12 +105,15 @@ def test_a_sweep_without_memory_ends_in_words(megabytes, folder):
     assert [row["run"] for row in rows(folder / "out/study.sqlite")] == list(range(1, 13))
 
 
-def test_a_library_that_finds_no_memory_is_told_in_a_line(monkeypatch, capsys):
+def test_a_library_that_finds_no_memory_is_told_in_a_line(tmp_path, monkeypatch, capsys):
+    store = tmp_path / "study.sqlite"
+    store.touch()
+
     def fail(*_):
         raise ImportError("libopenblas.so: failed to map segment from shared object")
 
     monkeypatch.setattr(Store, "open", fail)
-    assert entry.status(["export", "study.sqlite"]) == 1
+    assert entry.status(["export", str(store)]) == 1
     assert capsys.readouterr().err == "out of memory: a library finds no room\n"
 
 
