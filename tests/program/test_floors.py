@@ -54,6 +54,7 @@ ROOMS = {
     "pyarrow": ("study",),
     "optuna": ("study",),
     "sqlalchemy": ("study",),
+    "mujoco": ("machine.simulation",),
     "click": ("cli",),
     "rich": ("cli",),
 }
