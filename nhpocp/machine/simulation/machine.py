@@ -70,6 +70,11 @@ class Machine:
         self._mujoco.mj_forward(self._model, self._data)
 
     @property
+    def engine(self) -> str:
+        """What integrates it, and its version."""
+        return f"MuJoCo {self._mujoco.__version__}"
+
+    @property
     def time(self) -> float:
         """Since it was built [s]."""
         return float(self._data.time)

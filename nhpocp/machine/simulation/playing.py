@@ -35,8 +35,9 @@ class Simulation:
     end may miss the plan's, in units of length and in degrees. trajectory: arrays by name, samples first: "t" [s], of
     the machine "position", "orientation", "leg_lengths", "motor_force" [N], "normal_force", "friction_force" [N] and
     "slip_rate", "slip" [length/s, length] of the rollers, and of the plan "planned_position", "planned_orientation",
-    "planned_leg_lengths", "position_error" [length], "angle_error" [rad]. motors, rollers: numbers of the legs that have one, in the order of
-    the arrays. failure: in words, "" for none. model: the machine as MJCF. seconds: that the computer took.
+    "planned_leg_lengths", "position_error" [length], "angle_error" [rad]. motors, rollers: numbers of the legs that
+    have one, in the order of the arrays. failure: in words, "" for none. model: the machine as MJCF. engine: which, and
+    its version. seconds: that the computer took.
     """
 
     solution: Solution
@@ -48,6 +49,7 @@ class Simulation:
     rollers: tuple[int, ...]
     failure: str
     model: str = field(repr=False)
+    engine: str
     seconds: float
 
     @property
@@ -108,12 +110,12 @@ def play(
     *,
     duration: float = 10.0,
     tolerance: float = TOLERANCE,
-    progress: Callable[[float], Any] | None = None,
+    progress: Callable[[int, int], Any] | None = None,
 ) -> Simulation:
     """Builds the machine at the plan's start, lets it settle, plays the plan's leg lengths over ``duration`` [s].
 
     A driftless plan may be played at any speed: the path is the same. The encoders are set to the plan's lengths at the
-    start. ``progress(share)`` is called now and then. Errors: `InvalidProblemError` for a robot that cannot be built or
+    start. ``progress(done, count)`` is told of steps. Errors: `InvalidProblemError` for a robot that cannot be built or
     a plan without a finite path; `MissingDependencyError` without MuJoCo.
     """
     began = time.perf_counter()
@@ -140,7 +142,7 @@ def play(
         if k % every == 0 or k == steps + rest or machine.failure:
             log.sample(k * CONTROL_STEP, share)
             if progress:
-                progress(k / (steps + rest))
+                progress(k, steps + rest)
         if machine.failure:
             break
     return Simulation(
@@ -153,6 +155,7 @@ def play(
         rollers=tuple(roller.leg for roller in machine.built.rollers),
         failure=machine.failure,
         model=machine.built.text,
+        engine=machine.engine,
         seconds=time.perf_counter() - began,
     )
 
