@@ -17,8 +17,8 @@ from nhpocp.machine.simulation.building import STEP, as_robot, build
 from nhpocp.machine.simulation.settings import MachineSettings
 from nhpocp.systems.system import System
 
-AT_REST = 1e-4  # lengths of the mechanism or radians per second
-LONGEST_SETTLING = 5.0  # s
+AT_REST = 1e-4  # m/s or rad/s
+LONGEST_SETTLING = 10.0  # s
 
 
 class Contacts(NamedTuple):
@@ -125,11 +125,16 @@ class Machine:
                 )
 
     def settle(self) -> None:
-        """Advances until nothing moves any more, for 5 s at most."""
+        """Advances until nothing moves any more, for 10 s at most."""
         for _ in range(round(LONGEST_SETTLING / 0.1)):
             self.advance(0.1)
-            if self.failure or np.abs(self._data.qvel).max() < AT_REST:
+            if self.at_rest:
                 return
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether nothing moves any more, or nothing can."""
+        return bool(self.failure or np.abs(self._data.qvel).max() < AT_REST)
 
     def home(self, leg_lengths: Array) -> None:
         """From now on what is commanded is called ``leg_lengths`` (n,) [length]: the encoders are set to them."""

@@ -14,7 +14,7 @@ from nhpocp import so3
 from nhpocp.arrays import Array
 from nhpocp.errors import InvalidProblemError, suggestion
 from nhpocp.machine.simulation.building import as_robot
-from nhpocp.machine.simulation.machine import Machine
+from nhpocp.machine.simulation.machine import LONGEST_SETTLING, Machine
 from nhpocp.machine.simulation.settings import MachineSettings
 from nhpocp.solution import Solution
 from nhpocp.systems.parallel_robot import ParallelRobot
@@ -23,7 +23,7 @@ from nhpocp.systems.system import System
 CONTROL_STEP = 0.002  # s between set-points
 SAMPLES = 400  # over the duration
 SHORTEST, LONGEST = 0.01, 3600.0  # s
-REST = 0.5  # s that the last set-point is held for, before the end is judged
+REST = 0.5  # s that the last set-point is held for at least, until nothing moves, before the end is judged
 TOLERANCE = 5e-3  # units of length, and degrees
 
 
@@ -132,18 +132,20 @@ def play(
     machine.settle()
     log = _Log(machine, plan)
     steps = max(1, round(duration / CONTROL_STEP))
-    every, rest = max(1, round(steps / SAMPLES)), round(REST / CONTROL_STEP)
+    every = max(1, round(steps / SAMPLES))
+    least, most = (steps + round(seconds / CONTROL_STEP) for seconds in (REST, LONGEST_SETTLING))
     log.sample(0.0, 0.0)
-    for k in range(1, steps + rest + 1):
+    for k in range(1, most + 1):
         share = min(1.0, k / steps)
         if k <= steps:
             machine.command(plan.leg_lengths(share))
         machine.advance(CONTROL_STEP)
-        if k % every == 0 or k == steps + rest or machine.failure:
+        over = machine.failure or k == most or (k >= least and machine.at_rest)
+        if over or k % every == 0:
             log.sample(k * CONTROL_STEP, share)
             if progress:
-                progress(k, steps + rest)
-        if machine.failure:
+                progress(min(k, steps), steps)
+        if over:
             break
     return Simulation(
         solution=solution,
