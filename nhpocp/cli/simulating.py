@@ -113,11 +113,13 @@ def simulate(
     """
     from nhpocp.machine.simulation import play
     from nhpocp.simulation_folder import save_simulation
-    from nhpocp.solution_folder import load_solution, unwritable
+    from nhpocp.solution_folder import check_target, load_solution, unwritable
+    from nhpocp.solution_folder.target import SIMULATION
     from nhpocp.whole import write_text
 
     settings = _settings(**given)
     solution = load_solution(folder)
+    check_target(folder / SIMULATION)
     with counter(as_json, "step") as show:
         played = play(solution, settings, duration=duration, tolerance=tolerance, progress=show)
     from nhpocp.views.simulation_figures import write_simulation_pictures
