@@ -156,6 +156,7 @@ def test_latency_noise_and_seed_are_those_asked_for(plan: Solution) -> None:
     assert seen.std() == pytest.approx(0.01, rel=0.1)
     assert np.array_equal(other.measure()["position"] - start["position"], seen[0])
     one.command(one.built.lengths + 0.5)
+    assert not one.at_rest  # something is under way
     one.advance(0.09)
     assert np.abs(one.leg_lengths() - one.built.lengths).max() < 1e-6
     one.advance(0.2)

@@ -133,8 +133,8 @@ class Machine:
 
     @property
     def at_rest(self) -> bool:
-        """Whether nothing moves any more, or nothing can."""
-        return bool(self.failure or np.abs(self._data.qvel).max() < AT_REST)
+        """Whether nothing moves any more and no command is under way, or nothing can move."""
+        return bool(self.failure or (not self._waiting and np.abs(self._data.qvel).max() < AT_REST))
 
     def home(self, leg_lengths: Array) -> None:
         """From now on what is commanded is called ``leg_lengths`` (n,) [length]: the encoders are set to them."""
