@@ -155,12 +155,17 @@ def test_latency_noise_and_seed_are_those_asked_for(plan: Solution) -> None:
     seen = np.array([one.measure()["position"] - start["position"] for _ in range(400)])
     assert seen.std() == pytest.approx(0.01, rel=0.1)
     assert np.array_equal(other.measure()["position"] - start["position"], seen[0])
+    one.command(one.built.lengths)  # the first names where the legs are
     one.command(one.built.lengths + 0.5)
     assert not one.at_rest  # something is under way
     one.advance(0.09)
     assert np.abs(one.leg_lengths() - one.built.lengths).max() < 1e-6
     one.advance(0.2)
     assert one.leg_lengths() == pytest.approx(one.built.lengths + 0.5, abs=1e-2)
+    other.command(np.array([1.0, 2.0, 3.0]))
+    other.settle()
+    assert np.linalg.norm(other.pose()["position"] - start["position"]) < 1e-6
+    assert other.leg_lengths() == pytest.approx([1.0, 2.0, 3.0], abs=1e-5)
     one.home(np.array([1.0, 2.0, 3.0]))
     assert one.leg_lengths() == pytest.approx([1.0, 2.0, 3.0], abs=1e-2)
     one.settle()

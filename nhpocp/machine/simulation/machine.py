@@ -65,6 +65,7 @@ class Machine:
         self._random = np.random.default_rng(self.settings.seed)
         self._shown = self.built.lengths  # what is commanded now
         self._zero = np.zeros(len(self._motors))  # what encoders show, less what the legs are long
+        self._homed = False
         self._waiting: deque[tuple[float, Array]] = deque()
         self.failure = ""
         self._mujoco.mj_forward(self._model, self._data)
@@ -98,11 +99,16 @@ class Machine:
         }
 
     def command(self, leg_lengths: Array) -> None:
-        """Set-points of the servos (n,) [length], of the driven legs in their order; held until the next."""
+        """Set-points of the servos (n,) [length], of the driven legs in their order; held until the next.
+
+        The first ever, unless `home` came before it, names the lengths that the legs have now: it moves nothing.
+        """
         lengths = np.asarray(leg_lengths, dtype=float)
         if lengths.shape != self._shown.shape or not np.isfinite(lengths).all():
             words = f"expected {len(self._motors)} finite leg lengths, got {lengths.tolist()}"
             raise InvalidProblemError(words)
+        if not self._homed:
+            self.home(lengths)
         self._waiting.append((self.time + self.settings.latency, lengths))
 
     def advance(self, seconds: float) -> None:
@@ -139,7 +145,7 @@ class Machine:
     def home(self, leg_lengths: Array) -> None:
         """From now on what is commanded is called ``leg_lengths`` (n,) [length]: the encoders are set to them."""
         self._zero = self._zero + np.asarray(leg_lengths, dtype=float) - self._shown
-        self._shown = np.asarray(leg_lengths, dtype=float)
+        self._shown, self._homed = np.asarray(leg_lengths, dtype=float), True
 
     def leg_lengths(self) -> Array:
         """What the encoders show, (n,) [length]."""
