@@ -22,6 +22,7 @@ VERBS: Family[click.Command] = Family(
         "init": "nhpocp.cli.starting:init",
         "plot": "nhpocp.cli.plotting:plot",
         "schema": "nhpocp.cli.starting:schema",
+        "simulate": "nhpocp.cli.simulating:simulate",
         "solve": "nhpocp.cli.solving:solve",
         "sweep": "nhpocp.cli.sweeping:sweep",
         "systems": "nhpocp.cli.listing:systems",

@@ -1,1 +1,1 @@
-"""Plans and machines: what goes from a plan to a robot."""
+"""Plans and machines. A room a job: `simulation`, the machine in a physics engine; `export`, what its controller reads."""

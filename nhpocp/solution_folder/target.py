@@ -29,6 +29,10 @@ ANIMATIONS = ("animation.html", "animation.gif", "animation.mp4")
 MOTIONS = tuple(each.file_name for each in FORMATS.values())  # of `nhpocp export`
 ANALYSIS = ("analysis.json", "map.npz")  # of `nhpocp analyze`, and its pictures
 ANALYSIS_PICTURES = ("singularity_map", "along_guess", "agility")
+SIMULATION = (
+    "simulation"  # of `nhpocp simulate`: a folder inside that of the solution, of these files and a picture
+)
+SIMULATION_FILES = ("simulation.json", "simulation.csv", "simulation.npz")
 COMPARISON = (
     "report.html",
     "comparison.csv",
@@ -43,14 +47,18 @@ SIGNED = {
     "comparison.json": (b'"schema_version"',),
     "animation.html": (b"nhpocp animate",),
 }
-_DRAWN = (*PICTURES, *ANALYSIS_PICTURES)
+_DRAWN = (*PICTURES, *ANALYSIS_PICTURES, SIMULATION)
 OWN = {
     *DATA,
     *ANIMATIONS,
     *MOTIONS,
     *ANALYSIS,
+    *SIMULATION_FILES,
     *(f"{name}.{kind}" for name in _DRAWN for kind in KINDS),
 }
+
+
+SIGNATURES = ("solution.json", "analysis.json", "simulation.json")  # one of which is in every folder of ours
 
 
 def folder_name(name: str) -> str:
@@ -102,7 +110,7 @@ def require_replaceable(target: Path, named: Path) -> None:
             "choose another with -o",
             file=str(named),
         )
-    if any(target.iterdir()) and not (is_solution_folder(target) or _says_so(target / "analysis.json")):
+    if any(target.iterdir()) and not any(_says_so(target / name) for name in SIGNATURES):
         raise InvalidProblemError(
             "this folder was not written by nhpocp and is left alone; choose another with -o", file=str(named)
         )
@@ -114,6 +122,8 @@ def require_replaceable(target: Path, named: Path) -> None:
 
 
 def _ours(entry: os.DirEntry[str]) -> bool:
+    if entry.name == SIMULATION and entry.is_dir(follow_symlinks=False):
+        return all(_ours(inner) and inner.is_file(follow_symlinks=False) for inner in os.scandir(entry))
     return entry.name in OWN and entry.is_file(follow_symlinks=False)
 
 
@@ -244,6 +254,8 @@ def remove_own(folder: Path) -> None:
     """Deletes our files by name; anything else stays, and its folder with it."""
     with suppress(OSError):
         for entry in list(os.scandir(folder)):
-            if _ours(entry):
+            if _ours(entry) and entry.is_dir(follow_symlinks=False):
+                remove_own(Path(entry.path))
+            elif _ours(entry):
                 Path(entry.path).unlink()
         folder.rmdir()

@@ -55,6 +55,7 @@ ROOMS = {
     "optuna": ("study",),
     "sqlalchemy": ("study",),
     "mcap": ("machine",),
+    "mujoco": ("machine.simulation",),
     "click": ("cli",),
     "rich": ("cli",),
 }

@@ -1,0 +1,164 @@
+"""The verb `simulate`: a stored plan on a machine of bodies, joints and contacts."""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from nhpocp.cli.exit_status import NOT_SOLVED, SOLVED
+from nhpocp.cli.options import json_option
+from nhpocp.cli.progress import counter
+from nhpocp.cli.terminal import put, say, tell
+
+if TYPE_CHECKING:
+    from nhpocp.machine.simulation import MachineSettings, Simulation
+
+_NUMBER = r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)"
+
+
+def _amount(text: str, option: str, relative: bool = False) -> tuple[float, bool]:
+    """0.1, 2deg or, where it may be relative, 1%: the number, angles in radians, and whether it is a share."""
+    parts = re.fullmatch(rf"\s*{_NUMBER}\s*(deg|%)?\s*", text)
+    if parts is None or (parts[2] == "%" and not relative):
+        wanted = "0.1, 2deg or 1%" if relative else "0.1 or 2deg"
+        raise click.BadParameter(f"{text!r}; expected a number such as {wanted}", param_hint=option)
+    number = float(parts[1])
+    share = parts[2] == "%"
+    return (number / 100 if share else math.radians(number) if parts[2] else number), share
+
+
+def _errors(texts: tuple[str, ...]) -> dict[str, tuple[float, bool]]:
+    """roller_tilt=2deg,base_radius=1%."""
+    errors = {}
+    for part in (part for text in texts for part in text.split(",")):
+        name, equals, value = part.partition("=")
+        if not equals:
+            words = f"{part!r}; expected NAME=VALUE, such as roller_tilt=2deg or base_radius=1%"
+            raise click.BadParameter(words, param_hint="--error")
+        errors[name.strip()] = _amount(value, "--error", relative=True)
+    return errors
+
+
+def _pair(text: str, option: str) -> tuple[float, float | None]:
+    """One number or two."""
+    first, comma, second = text.partition(",")
+    return _amount(first, option)[0], _amount(second, option)[0] if comma else None
+
+
+def _settings(**given: Any) -> MachineSettings:
+    from nhpocp.machine.simulation import MachineSettings
+
+    position, orientation = _pair(given.pop("noise"), "--noise")
+    stiffness, damping = _pair(given.pop("servo"), "--servo")
+    given |= {"noise": (position, orientation or 0.0), "stiffness": stiffness}
+    given |= {} if damping is None else {"damping": damping}
+    return MachineSettings(errors=_errors(given.pop("error")), **given)
+
+
+@click.command()
+@click.argument("folder", type=click.Path(path_type=Path), metavar="DIR")
+@click.option("--duration", type=float, default=10.0, show_default=True, help="Of the play [s].")
+@click.option(
+    "--tolerance",
+    type=float,
+    default=5e-3,
+    show_default=True,
+    help="By how much the end may miss the plan's, in units of length and in degrees.",
+)
+@click.option(
+    "--gravity", type=float, default=0.0, show_default=True, help="Downwards [m/s²]; 9.81 on earth."
+)
+@click.option("--payload", type=float, default=0.0, show_default=True, help="On the platform [kg].")
+@click.option("--friction", type=float, default=3.0, show_default=True, help="Of rollers on balls.")
+@click.option(
+    "--press", type=float, default=50.0, show_default=True, help="Of a roller against its ball [N]."
+)
+@click.option(
+    "--servo",
+    default="2e4,200",
+    show_default=True,
+    metavar="STIFFNESS[,DAMPING]",
+    help="Of the motors [N/m, N s/m].",
+)
+@click.option(
+    "--noise",
+    default="0",
+    show_default=True,
+    metavar="LENGTH[,ANGLE]",
+    help="Standard deviations of the measured position and orientation: 0.01,0.1deg.",
+)
+@click.option("--latency", type=float, default=0.0, show_default=True, help="Of every command [s].")
+@click.option(
+    "--error",
+    multiple=True,
+    metavar="NAME=VALUE,...",
+    help="The machine differs from the model: roller_tilt=2deg,base_radius=1%. Repeatable.",
+)
+@click.option("--seed", type=int, default=0, show_default=True, help="Of the noise.")
+@click.option(
+    "--mjcf", type=click.Path(path_type=Path), metavar="FILE", help="Write the machine there, as MJCF."
+)
+@json_option
+def simulate(
+    folder: Path, duration: float, tolerance: float, mjcf: Path | None, as_json: bool, **given: Any
+) -> int:
+    """Play the plan in DIR on a machine of bodies, joints and contacts (extra: physics).
+
+    The machine is built of where the joints are, at the plan's start; its motors follow the plan's leg lengths. Writes
+    what it does into DIR/simulation. Exit status 0 if it ends where a converged plan does, within the tolerance.
+    """
+    from nhpocp.machine.simulation import play
+    from nhpocp.simulation_folder import save_simulation
+    from nhpocp.solution_folder import check_target, load_solution, unwritable
+    from nhpocp.solution_folder.target import SIMULATION
+    from nhpocp.whole import write_text
+
+    settings = _settings(**given)
+    solution = load_solution(folder)
+    check_target(folder / SIMULATION)
+    with counter(as_json, "step") as show:
+        played = play(solution, settings, duration=duration, tolerance=tolerance, progress=show)
+    from nhpocp.views.simulation_figures import write_simulation_pictures
+
+    written, missing = save_simulation(played, folder, write_simulation_pictures)
+    for sentence in missing:
+        say(f"warning: {sentence}")
+    if mjcf is not None:
+        try:
+            write_text(mjcf, played.model)
+        except OSError as error:
+            raise unwritable(mjcf, error) from error
+    if as_json:
+        put(_json(played, written))
+    else:
+        tell("\n".join([*_lines(played), f"  written: {written}"]))
+    return SOLVED if played.reached else NOT_SOLVED
+
+
+def _json(played: Simulation, written: Path) -> dict[str, Any]:
+    from nhpocp.simulation_folder import to_json
+
+    return {"folder": str(written), **to_json(played)}
+
+
+def _lines(played: Simulation) -> list[str]:
+    position, angle = played.worst_following
+    end = _off(played, played.position_error, played.angle_error)
+    said = "reached the plan's end" if played.reached else "missed the plan's end"
+    if not played.solution.converged:
+        said = "followed a plan that does not reach its goal"
+    lines = [
+        f"{played.solution.problem.name}: the machine {said}, {end}",
+        f"  played over {played.duration:g} s; on the way {_off(played, position, angle)}; slip {played.slip:.2g}",
+        f"  simulated in {played.seconds:.1f} s by {played.engine}",
+    ]
+    return [*lines, f"  {played.failure}"] if played.failure else lines
+
+
+def _off(played: Simulation, position: float, angle: float) -> str:
+    unit = played.solution.problem.units.length
+    return f"off by {position:.3g}{f' {unit}' if unit else ''} and {math.degrees(angle):.3g}°"

@@ -1,0 +1,151 @@
+"""A parallel robot as an MJCF document: bodies, joints, contacts and motors, from where its joints are and no more.
+
+The machine is as large as a bench: the mechanism's own length, the mean distance of the platform's joints from its
+origin, is 15 cm, whatever the problem's unit; forces and masses are those of such a machine.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from xml.etree import ElementTree
+
+import numpy as np
+
+from nhpocp.arrays import Array
+from nhpocp.errors import InvalidProblemError
+from nhpocp.machine.simulation.base_joints import BASE_JOINTS, Document, Roller, Seat
+from nhpocp.machine.simulation.mjcf import Element, add, as_text, axes
+from nhpocp.machine.simulation.settings import MachineSettings
+from nhpocp.systems.legs import Leg
+from nhpocp.systems.parallel_robot import ParallelRobot
+from nhpocp.systems.system import System
+
+SIZE = 0.15  # m, of the mechanism's own length
+STEP = 5e-4  # s
+TUBE_MASS, ROD_MASS, CROSS_MASS, PLATFORM_MASS = 0.1, 0.1, 0.02, 0.5  # kg
+WELD = {"solref": (0.002, 1), "solimp": (0.99, 0.9999, 1e-4)}
+
+
+@dataclass(frozen=True)
+class Built:
+    """A machine as text.
+
+    text: MJCF. metres: to a unit of length. motors: names of the driven legs' joints, which are those of their
+    actuators; lengths: of those legs in the pose that it is built in [length]. rollers: those there are.
+    """
+
+    text: str
+    metres: float
+    motors: tuple[str, ...]
+    lengths: Array
+    rollers: tuple[Roller, ...]
+
+
+def as_robot(system: System) -> ParallelRobot:
+    """A system whose machine can be built. Errors: `InvalidProblemError` for any other."""
+    if isinstance(system, ParallelRobot):
+        return system
+    words = f"{system.model} cannot be built; expected a robot on legs: three_upu, parallel_robot"
+    raise InvalidProblemError(words, path="system.model")
+
+
+def build(system: ParallelRobot, position: Array, orientation: Array, settings: MachineSettings) -> Built:
+    """The machine of a parallel robot at a pose.
+
+    position: (3,) [length], orientation: (3, 3), platform to base. Errors: `InvalidProblemError` for a leg of
+    length zero.
+    """
+    metres = SIZE / system.default_length_scale()
+    root, parts = _head(settings)
+    platform = add(parts.world, "body", name="platform", pos=metres * position, xyaxes=axes(orientation))
+    add(platform, "freejoint", name="platform")
+    add(platform, "geom", type_="cylinder", size=(SIZE, 0.03 * SIZE), mass=PLATFORM_MASS)
+    if settings.payload:
+        add(platform, "geom", type_="sphere", size=0.1 * SIZE, mass=settings.payload)
+    equality = add(root, "equality")
+    rollers, motors, lengths = [], [], []
+    for number, leg in enumerate(system.legs, 1):
+        roller = _build_leg(number, leg, (position, orientation), metres, settings, parts, equality)
+        if roller:
+            rollers.append(roller)
+        if leg.actuated:
+            motors.append(f"length {number}")
+            lengths.append(float(leg.pose(position, orientation).length))
+    return Built(as_text(root), metres, tuple(motors), np.array(lengths), tuple(rollers))
+
+
+def _head(settings: MachineSettings) -> tuple[Element, Document]:
+    root = ElementTree.Element("mujoco", model="nhpocp")
+    add(root, "compiler", angle="radian", autolimits=True)
+    option = add(
+        root,
+        "option",
+        timestep=STEP,
+        gravity=(0, 0, -settings.gravity),
+        integrator="implicitfast",
+        solver="Newton",
+        iterations=200,
+        tolerance=1e-12,
+        cone="elliptic",
+        impratio=100,
+        noslip_iterations=20,
+    )
+    add(option, "flag", autoreset="disable")
+    # contacts are stated pair by pair: nothing else touches
+    add(add(root, "default"), "geom", contype=0, conaffinity=0)
+    return root, Document(add(root, "worldbody"), add(root, "contact"), add(root, "actuator"))
+
+
+def _build_leg(
+    number: int,
+    leg: Leg,
+    pose: tuple[Array, Array],
+    metres: float,
+    settings: MachineSettings,
+    parts: Document,
+    equality: Element,
+) -> Roller | None:
+    """One leg from its base joint up to the platform; its roller, if it has one."""
+    at = leg.pose(*pose)
+    if not leg.pinned and not at.length > 0:
+        raise InvalidProblemError(
+            f"leg {number} has length zero at the start; no machine has that", path="system.legs"
+        )
+    frame = _leg_frame(at.g, at.w3)
+    seat = Seat(number, leg, metres * at.a, frame, SIZE, settings.press, settings.friction)
+    body, roller = BASE_JOINTS[leg.joint].build(seat, parts)
+    if leg.pinned:  # the base joint holds the platform itself
+        add(body, "inertial", pos=np.zeros(3), mass=CROSS_MASS, diaginertia=np.full(3, 1e-5))
+        add(equality, "weld", body1=seat.name, body2="platform", **WELD)
+        return roller
+    length = metres * float(at.length)
+    thin = 0.07 * SIZE
+    add(body, "geom", type_="capsule", fromto=(0, 0, 0, 0.6 * length, 0, 0), size=thin, mass=TUBE_MASS)
+    rod = add(body, "body", name=f"rod {number}", pos=(length, 0, 0))
+    add(rod, "geom", type_="capsule", fromto=(-0.6 * length, 0, 0, 0, 0, 0), size=0.6 * thin, mass=ROD_MASS)
+    if leg.length is None:
+        add(rod, "joint", name=f"length {number}", type_="slide", axis=(1, 0, 0))
+    if leg.actuated:
+        servo = {"kp": settings.stiffness, "kv": settings.damping}
+        add(parts.actuator, "position", name=f"length {number}", joint=f"length {number}", **servo)
+    if at.w4 is None:  # a spherical joint
+        add(equality, "connect", body1=rod.get("name"), body2="platform", anchor=np.zeros(3), **WELD)
+        return roller
+    cross = add(rod, "body", name=f"cross {number}")
+    inertia = {"mass": CROSS_MASS, "diaginertia": np.full(3, 1e-5)}
+    add(cross, "inertial", pos=np.zeros(3), **inertia)
+    add(cross, "joint", name=f"w3 {number}", type_="hinge", axis=(0, 1, 0))
+    fork = add(cross, "body", name=f"head {number}")
+    add(fork, "inertial", pos=np.zeros(3), **inertia)
+    add(fork, "joint", name=f"w4 {number}", type_="hinge", axis=frame.T @ at.w4)
+    add(equality, "weld", body1=fork.get("name"), body2="platform", **WELD)
+    return roller
+
+
+def _leg_frame(g: Array, w3: Array | None) -> Array:
+    """The columns g, w3, g × w3; of a leg that spins as it likes, any frame with g."""
+    if w3 is None:
+        spare = np.array([0.0, 0.0, 1.0] if abs(g[2]) < 0.9 else [1.0, 0.0, 0.0])
+        w3 = np.cross(g, spare)
+        w3 = w3 / np.linalg.norm(w3)
+    return np.column_stack([g, w3, np.cross(g, w3)])

@@ -1,0 +1,230 @@
+"""A plan played on the machine: its leg lengths as set-points over time, and what the machine makes of them."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from math import degrees
+from typing import Any
+
+import numpy as np
+
+from nhpocp import so3
+from nhpocp.arrays import Array
+from nhpocp.errors import InvalidProblemError, suggestion
+from nhpocp.machine.simulation.building import as_robot
+from nhpocp.machine.simulation.machine import LONGEST_SETTLING, Machine
+from nhpocp.machine.simulation.settings import MachineSettings
+from nhpocp.solution import Solution
+from nhpocp.systems.parallel_robot import ParallelRobot
+from nhpocp.systems.system import System
+
+CONTROL_STEP = 0.002  # s between set-points
+SAMPLES = 400  # over the duration
+SHORTEST, LONGEST = 0.01, 3600.0  # s
+REST = 0.5  # s that the last set-point is held for at least, until nothing moves, before the end is judged
+TOLERANCE = 5e-3  # units of length, and degrees
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Simulation:
+    """A plan and what a machine made of it.
+
+    solution: the plan. settings: of the machine. duration: that the plan was played over [s]. tolerance: by which the
+    end may miss the plan's, in units of length and in degrees. trajectory: arrays by name, samples first: "t" [s], of
+    the machine "position", "orientation", "leg_lengths", "motor_force" [N], "normal_force", "friction_force" [N] and
+    "slip_rate", "slip" [length/s, length] of the rollers, and of the plan "planned_position", "planned_orientation",
+    "planned_leg_lengths", "position_error" [length], "angle_error" [rad]. motors, rollers: numbers of the legs that
+    have one, in the order of the arrays. failure: in words, "" for none. model: the machine as MJCF. engine: which, and
+    its version. seconds: that the computer took.
+    """
+
+    solution: Solution
+    settings: MachineSettings
+    duration: float
+    tolerance: float
+    trajectory: Mapping[str, Array]
+    motors: tuple[int, ...]
+    rollers: tuple[int, ...]
+    failure: str
+    model: str = field(repr=False)
+    engine: str
+    seconds: float
+
+    @property
+    def position_error(self) -> float:
+        """Distance of the platform's origin from the plan's at the end [length]."""
+        return float(self.trajectory["position_error"][-1])
+
+    @property
+    def angle_error(self) -> float:
+        """Angle of the platform from the plan's at the end [rad]."""
+        return float(self.trajectory["angle_error"][-1])
+
+    @property
+    def slip(self) -> float:
+        """The way that a ball has slipped along the axle of its roller, of the worst of them [length]."""
+        slip = self.trajectory["slip"]
+        return float(slip[-1].max()) if slip.size else 0.0
+
+    @property
+    def reached(self) -> bool:
+        """Whether the plan was one to its goal, and its end was met within the tolerance."""
+        met = self.position_error <= self.tolerance and degrees(self.angle_error) <= self.tolerance
+        return bool(met and self.solution.converged and not self.failure)
+
+    @property
+    def worst_following(self) -> tuple[float, float]:
+        """The largest errors on the way [length, rad]."""
+        position, angle = (self.trajectory[name] for name in ("position_error", "angle_error"))
+        return float(np.nanmax(position)), float(np.nanmax(angle))
+
+
+def with_errors(system: System, errors: Mapping[str, tuple[float, bool]]) -> System:
+    """The system with other numbers among its parameters: by an amount, or relative to their values.
+
+    Errors: `InvalidProblemError` for a parameter that it does not have, or that is no number.
+    """
+    known = {
+        name: value
+        for name, value in system.parameters().items()
+        if isinstance(value, float | int) and not isinstance(value, bool)
+    }
+    changes = {}
+    for name, (by, relative) in errors.items():
+        if name not in known:
+            near = (
+                suggestion(name, known, "")
+                if known
+                else "its legs are explicit, and it has no numbers to change"
+            )
+            raise InvalidProblemError(f"{name!r} is no number of this {system.model}; {near}", path="error")
+        changes[name] = known[name] * (1 + by) if relative else known[name] + by
+    return system.with_(**changes) if changes else system
+
+
+def play(
+    solution: Solution,
+    settings: MachineSettings | None = None,
+    *,
+    duration: float = 10.0,
+    tolerance: float = TOLERANCE,
+    progress: Callable[[int, int], Any] | None = None,
+) -> Simulation:
+    """Builds the machine at the plan's start, lets it settle, plays the plan's leg lengths over ``duration`` [s].
+
+    A driftless plan may be played at any speed: the path is the same. The encoders are set to the plan's lengths at the
+    start. ``progress(done, count)`` is told of steps. Errors: `InvalidProblemError` for a robot that cannot be built or
+    a plan without a finite path; `MissingDependencyError` without MuJoCo.
+    """
+    began = time.perf_counter()
+    settings = settings or MachineSettings()
+    if not SHORTEST <= duration <= LONGEST:
+        raise InvalidProblemError(f"{duration:g} s; expected {SHORTEST} to {LONGEST:g} s", path="duration")
+    if not tolerance > 0:
+        raise InvalidProblemError(f"{tolerance:g}; expected a number > 0", path="tolerance")
+    system = as_robot(solution.problem.system)
+    plan = _Plan(solution, system)
+    start = {"position": plan.position(0.0), "orientation": plan.orientation(0.0)}
+    machine = Machine(with_errors(system, settings.errors), start, settings)
+    machine.home(plan.leg_lengths(0.0))
+    machine.settle()
+    log = _Log(machine, plan)
+    steps = max(1, round(duration / CONTROL_STEP))
+    every = max(1, round(steps / SAMPLES))
+    least, most = (steps + round(seconds / CONTROL_STEP) for seconds in (REST, LONGEST_SETTLING))
+    log.sample(0.0, 0.0)
+    for k in range(1, most + 1):
+        share = min(1.0, k / steps)
+        if k <= steps:
+            machine.command(plan.leg_lengths(share))
+        machine.advance(CONTROL_STEP)
+        over = machine.failure or k == most or (k >= least and machine.at_rest)
+        if over or k % every == 0:
+            log.sample(k * CONTROL_STEP, share)
+            if progress:
+                progress(min(k, steps), steps)
+        if over:
+            break
+    return Simulation(
+        solution=solution,
+        settings=settings,
+        duration=duration,
+        tolerance=tolerance,
+        trajectory=log.trajectory(),
+        motors=tuple(i for i, leg in enumerate(system.legs, 1) if leg.actuated),
+        rollers=tuple(roller.leg for roller in machine.built.rollers),
+        failure=machine.failure,
+        model=machine.built.text,
+        engine=machine.engine,
+        seconds=time.perf_counter() - began,
+    )
+
+
+class _Plan:
+    """The plan's pose and its driven legs' lengths at a share of its horizon."""
+
+    def __init__(self, solution: Solution, system: ParallelRobot) -> None:
+        from scipy.interpolate import CubicSpline
+
+        path = {name: np.asarray(solution.trajectory[name]) for name in ("t", "position", "orientation")}
+        lengths = np.asarray(solution.trajectory["leg_lengths"]).reshape(len(path["t"]), -1)
+        if len(path["t"]) < 2 or not all(np.isfinite(values).all() for values in (*path.values(), lengths)):
+            raise InvalidProblemError(
+                f"this plan has no finite path to follow ({solution.outcome.value}); solve again, then simulate"
+            )
+        free = [leg for leg in system.legs if not leg.pinned]
+        driven = [i for i, leg in enumerate(free) if leg.actuated]
+        self._shares = path["t"] / path["t"][-1]
+        self._lengths = CubicSpline(self._shares, lengths[:, driven])
+        self._position = CubicSpline(self._shares, path["position"])
+        self._rotations = path["orientation"].reshape(-1, 3, 3)
+
+    def leg_lengths(self, share: float) -> Array:
+        return self._lengths(share)
+
+    def position(self, share: float) -> Array:
+        return self._position(share)
+
+    def orientation(self, share: float) -> Array:
+        k = int(np.clip(np.searchsorted(self._shares, share) - 1, 0, len(self._shares) - 2))
+        first, second = self._rotations[k], self._rotations[k + 1]
+        part = (share - self._shares[k]) / (self._shares[k + 1] - self._shares[k])
+        return so3.exp(part * so3.log(second @ first.T)) @ first
+
+
+class _Log:
+    """What is measured, sample by sample."""
+
+    def __init__(self, machine: Machine, plan: _Plan) -> None:
+        self._machine, self._plan = machine, plan
+        self._rows: dict[str, list[Any]] = {}
+
+    def sample(self, now: float, share: float) -> None:
+        machine, plan = self._machine, self._plan
+        pose, contacts = machine.measure(), machine.contacts()
+        planned, turned = plan.position(share), plan.orientation(share)
+        values = {
+            "t": now,
+            **pose,
+            "leg_lengths": machine.leg_lengths(),
+            "motor_force": machine.motor_forces(),
+            "normal_force": contacts.normal,
+            "friction_force": contacts.friction,
+            "slip_rate": contacts.slip,
+            "planned_position": planned,
+            "planned_orientation": turned,
+            "planned_leg_lengths": plan.leg_lengths(share),
+            "position_error": float(np.linalg.norm(pose["position"] - planned)),
+            "angle_error": float(so3.angle(pose["orientation"] @ turned.T)),
+        }
+        for name, value in values.items():
+            self._rows.setdefault(name, []).append(value)
+
+    def trajectory(self) -> dict[str, Array]:
+        made = {name: np.array(values) for name, values in self._rows.items()}
+        rates = np.abs(made["slip_rate"])
+        steps = np.diff(made["t"])[:, None] * 0.5 * (rates[1:] + rates[:-1])
+        made["slip"] = np.concatenate([np.zeros((1, rates.shape[1])), np.cumsum(steps, axis=0)])
+        return made
