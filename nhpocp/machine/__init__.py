@@ -1,1 +1,1 @@
-"""Plans and machines. A room a job: `simulation`, the machine in a physics engine; `export`, what its controller reads."""
+"""Plans and machines: `simulation` is the machine in a physics engine, `export` what its controller reads."""
