@@ -23,6 +23,7 @@ VERBS: Family[click.Command] = Family(
         "plot": "nhpocp.cli.plotting:plot",
         "schema": "nhpocp.cli.starting:schema",
         "solve": "nhpocp.cli.solving:solve",
+        "steer": "nhpocp.cli.steering:steer",
         "sweep": "nhpocp.cli.sweeping:sweep",
         "systems": "nhpocp.cli.listing:systems",
         "verify": "nhpocp.cli.checking:verify",
