@@ -301,7 +301,9 @@ def test_from_python(tmp_path, monkeypatch, undisturbed):
     assert nhpocp.sweep("corners.yaml", resume=True, make=here).done == 0
     with pytest.raises(InvalidProblemError, match="workers: "):
         nhpocp.sweep("corners.yaml", "other", workers=0)
-    with pytest.raises(InvalidProblemError, match="study: expected the name of a study file, got the number 3"):
+    with pytest.raises(
+        InvalidProblemError, match="study: expected the name of a study file, got the number 3"
+    ):
         nhpocp.sweep(3)
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from nhpocp.arrays import Array
 from nhpocp.calls import call, mapped
 from nhpocp.controls.control import Control
+from nhpocp.flow.integrators import uniform_grid
 from nhpocp.flow.step_error import enough_steps, settled_path
 from nhpocp.kept import kept
 from nhpocp.machine.feedback.plant import Plant
@@ -38,6 +39,9 @@ class SetPoints:
         times, path = settled_path(problem, control, steps)
         if not np.isfinite(path).all():
             raise ValueError("the plan cannot be integrated to its end")
+        wanted = uniform_grid(steps, control.breakpoints, control.horizon)
+        chosen = np.unique(np.searchsorted(times, wanted - 1e-9 * control.horizon).clip(0, len(times) - 1))
+        times, path = times[chosen], path[chosen]  # which had to be finer for the integration only
         slower = 1.0 if duration is None else duration / control.horizon
         where = positions_function(problem.system)
         if where is not None:

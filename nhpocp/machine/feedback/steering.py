@@ -12,13 +12,13 @@ import numpy as np
 
 from nhpocp.arrays import Array
 from nhpocp.constructed import Constructed
-from nhpocp.declared import check, choice, count, positive
+from nhpocp.declared import check, count, positive
 from nhpocp.errors import CallError, InvalidProblemError, OrientationAtPiError, describe
 from nhpocp.frozen import replace as changed
 from nhpocp.interruption import STOPPED, Interruption
 from nhpocp.machine.feedback.guarded_plant import GuardedPlant, PlantError
-from nhpocp.machine.feedback.plant import Plant
 from nhpocp.machine.feedback.planning_again import PlannedRun, Replanner
+from nhpocp.machine.feedback.plant import Plant
 from nhpocp.machine.feedback.set_points import SetPoints
 from nhpocp.objectives.registry import costs_of_motion
 from nhpocp.outcome import Outcome
