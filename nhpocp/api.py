@@ -160,6 +160,7 @@ def steer(
     objective: str | None = None,
     duration: float | None = None,
     patience: float | None = None,
+    rate: float | None = None,
 ) -> Steered:
     """Brings a machine to a problem's goal: plan, run, measure, and plan the rest again from there.
 
@@ -167,13 +168,14 @@ def steer(
     `command(set_points)` and `advance(seconds)`, such as `SimulatedPlant`. tolerance: E [rad] that counts as reached.
     cycles: runs at most. objective: what each plan minimises, None: as the file says. duration: of a run [time of the
     machine], None: the problem's horizon. patience: seconds that a method of the plant may take, None: any time.
+    rate: how often in a unit of the machine's time the rest of the first plan is corrected under way, None: never.
     `Steered` has `reached`, `outcome`, `message`, and `cycles`, each with its errors and its verified plan. What the
     plant raises ends it as `interrupted`; a plan that fails is not run.
     Errors: `InvalidProblemError` for what is no problem, `CallError` for what is no plant.
     """
     from nhpocp.machine.feedback.steering import Steering
 
-    steering = Steering(tolerance, cycles, objective, duration, patience)
+    steering = Steering(tolerance, cycles, objective, duration, patience, rate=rate)
     return steering.run(_problem(problem), plant)
 
 

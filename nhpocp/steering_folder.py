@@ -96,7 +96,7 @@ def save_fleet(
         )
     data = {
         **_head(fleet.problem.name, fleet.tolerance),
-        "outcome": "reached" if fleet.reached == fleet.runs else "not_all_reached",
+        "outcome": fleet.outcome,
         "reached": fleet.reached,
         "runs": fleet.runs,
         "plan_s": fleet.plan_s,

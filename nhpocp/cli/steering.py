@@ -14,6 +14,7 @@ from nhpocp.cli.progress import counter
 from nhpocp.cli.terminal import put, say, tell
 
 if TYPE_CHECKING:
+    from nhpocp.interruption import Interruption
     from nhpocp.machine.feedback.fleet import Fleet
     from nhpocp.machine.feedback.model_errors import ModelErrors
     from nhpocp.machine.feedback.steering import Cycle, Steered, Steering
@@ -49,6 +50,9 @@ STEPS = 400  # of the machine's integration in a run
     type=click.IntRange(1, 100_000),
     help="So many machines, each number up to its --error, uniformly.",
 )
+@click.option(
+    "--rate", type=float, help="Correct the rest of the first plan under way, so often in a unit of time."
+)
 @click.option("--objective", help="What each plan minimises, such as effort; default: as the file says.")
 @set_option
 @click.option(
@@ -63,6 +67,7 @@ def steer(
     noise: float,
     seed: int,
     runs: int | None,
+    rate: float | None,
     objective: str | None,
     overrides: tuple[str, ...],
     output: Path | None,
@@ -87,11 +92,11 @@ def steer(
         wrong = ModelErrors.parsed(errors, problem.system)
     else:
         wrong = ModelErrors.of_all(OF_A_FLEET, problem.system) if runs else ModelErrors(problem.system, ())
-    steering = Steering(tolerance=tolerance, cycles=cycles, objective=objective)
-    with Interruption():
+    steering = Steering(tolerance=tolerance, cycles=cycles, objective=objective, rate=rate)
+    with Interruption() as stop:
         if runs is None:
-            return _one(problem, steering, wrong, noise, seed, home, as_json)
-        return _many(problem, steering, wrong, noise, seed, runs, home, as_json)
+            return _one(problem, steering, wrong, noise, seed, home, as_json, stop)
+        return _many(problem, steering, wrong, noise, seed, runs, home, as_json, stop)
 
 
 def _one(
@@ -102,6 +107,7 @@ def _one(
     seed: int,
     home: Path,
     as_json: bool,
+    stop: Interruption,
 ) -> int:
     from nhpocp.machine.feedback.simulated_plant import SimulatedPlant
     from nhpocp.steering_folder import save_steering
@@ -111,6 +117,7 @@ def _one(
     plant = SimulatedPlant(system, problem.start, noise=noise, gains=gains, seed=seed, step=step)
     with counter(as_json, "cycle") as show:
         steered = steering.with_progress(_counted(show, steering.cycles)).run(problem, plant)
+    stop.patient = True  # what was measured is written
     machine = {"kind": "simulated", "wrong": values, "noise": noise, "seed": seed}
     missing = save_steering(steered, home, {"plant": machine}, _pictures(problem))
     _warn(missing)
@@ -130,6 +137,7 @@ def _many(
     runs: int,
     home: Path,
     as_json: bool,
+    stop: Interruption,
 ) -> int:
     from nhpocp.machine.feedback.fleet import steer_fleet
     from nhpocp.solution_folder import plain
@@ -137,11 +145,11 @@ def _many(
 
     with counter(as_json, "machine") as show:
         fleet = steer_fleet(problem, wrong, runs, steering, noise=noise, seed=seed, progress=show)
+    stop.patient = True
     machine = {"kind": "simulated", "noise": noise, "seed": seed}
     _warn(save_fleet(fleet, home, {"plant": machine}, _pictures(problem)))
     if as_json:
-        outcome = "reached" if fleet.reached == runs else "not_all_reached"
-        head = {"folder": str(home), "outcome": outcome, "runs": runs, "reached": fleet.reached}
+        head = {"folder": str(home), "outcome": fleet.outcome, "runs": runs, "reached": fleet.reached}
         put(plain({**head, "plan_s": fleet.plan_s, "table": fleet.table()}))
     else:
         _tell_many(fleet, home)
@@ -177,7 +185,7 @@ def _plain(steered: Steered, home: Path) -> Any:
     """The document of --json."""
     from nhpocp.solution_folder import plain
 
-    names = ("error", "position_error", "angle_error", "plan_s", "plan_outcome", "returned")
+    names = ("error", "position_error", "angle_error", "plan_s", "plan_outcome", "corrections", "returned")
     cycles = [{name: cycle.to_json()[name] for name in names} for cycle in steered.cycles]
     head = {"folder": str(home), "outcome": steered.outcome.value, "message": steered.message}
     return plain({**head, "cycles": cycles})

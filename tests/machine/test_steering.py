@@ -165,6 +165,26 @@ def test_a_plan_that_fails_moves_nothing():
     assert plant.point == pytest.approx(PAPER.start_point, abs=1e-15)
 
 
+def test_corrections_under_way_bring_the_first_run_nearer():
+    plain, corrected = (replace(QUICK, cycles=1, rate=rate) for rate in (None, 10))
+    without, within = (steering.run(PAPER, wrong_robot()).cycles[1] for steering in (plain, corrected))
+    assert (without.corrections, within.corrections) == (0, 8)
+    assert within.error < 0.5 * without.error
+    steered = replace(QUICK, rate=10).run(CART, cart := Cart())
+    assert steered.reached
+    assert [cycle.corrections > 0 for cycle in steered.cycles[:3]] == [False, True, False]
+    assert not cart.speeds.any()
+
+
+def test_a_corrected_run_that_leads_away_is_taken_back():
+    class Astray(Cart):
+        def command(self, set_points):
+            self.speeds = np.array([1, -1]) * set_points
+
+    steered = replace(QUICK, rate=4).run(CART, Astray())
+    assert steered.error <= steered.cycles[0].error + 1e-2
+
+
 def test_a_limit_of_cycles_and_of_progress():
     assert replace(QUICK, cycles=1).run(PAPER, wrong_robot()).outcome is Ending.CYCLE_LIMIT
 
@@ -244,7 +264,7 @@ def test_wrong_calls_are_answered():
         QUICK.run(CART, object())
     with pytest.raises(InvalidProblemError, match="none of none, effort"):
         Steering(objective="efort")
-    with pytest.raises(InvalidProblemError, match="time > 0"):
+    with pytest.raises(InvalidProblemError, match="number > 0"):
         Steering(duration=0)
     with pytest.raises(InvalidProblemError, match="expected 3 finite numbers"):
         wrong_robot().command([1, 2])

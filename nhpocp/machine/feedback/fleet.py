@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -25,8 +25,7 @@ STEPS = 400  # of the integration of a run
 class Machine:
     """One machine of a fleet: what of it is not as in the model, how it was steered, and where it truly ended.
 
-    opened: true errors after the first run, which is the plan without feedback; None where there was none. closed: at
-    the end.
+    opened: true errors after the first plan alone, run by a twin of it; None where there was none. closed: at the end.
     """
 
     wrong: dict[str, Any]
@@ -51,6 +50,13 @@ class Fleet:
     def reached(self) -> int:
         """How many ended within the tolerance, as measured."""
         return sum(machine.steered.reached for machine in self.machines)
+
+    @property
+    def outcome(self) -> str:
+        """All in one word."""
+        if len(self.machines) < self.runs:
+            return Ending.INTERRUPTED.value
+        return Ending.REACHED.value if self.reached == self.runs else "not_all_reached"
 
     @property
     def plan_s(self) -> float:
@@ -79,18 +85,6 @@ class Fleet:
         return rows
 
 
-class _Witness(SimulatedPlant):
-    """A plant whose true pose is noted whenever it is measured."""
-
-    def __init__(self, *given: Any, **more: Any) -> None:
-        super().__init__(*given, **more)
-        self.points: list[Array] = []
-
-    def measure(self) -> dict[str, Array]:
-        self.points.append(self.point)
-        return super().measure()
-
-
 def steer_fleet(
     problem: PlanningProblem,
     errors: ModelErrors,
@@ -112,23 +106,21 @@ def steer_fleet(
     step = (steering.duration or problem.horizon.fixed) / STEPS
     with Interruption() as interruption:
         plan = Replanner.of(problem, steering.tolerance, steering.objective).plan(problem)
+        begun = plan if plan.outcome is Outcome.CONVERGED else None
         for number in range(runs):
             if interruption.noted:
                 break
             random = np.random.default_rng([seed, number])
             system, gains, wrong = errors.drawn(random)
-            noisy = [seed, number, 1]
-            plant = _Witness(system, problem.start, noise=noise, gains=gains, seed=noisy, step=step)
-            steered = unverified.run(problem, plant, plan if plan.outcome is Outcome.CONVERGED else None)
-            if steered.outcome is Ending.INTERRUPTED and interruption.noted:
+            more: dict[str, Any] = {"gains": gains, "seed": [seed, number, 1], "noise": noise, "step": step}
+            plant = SimulatedPlant(system, problem.start, **more)
+            steered = unverified.run(problem, plant, begun)
+            twin = SimulatedPlant(system, problem.start, **more)
+            alone = replace(unverified, cycles=1, rate=None).run(problem, twin, begun)
+            if Ending.INTERRUPTED in (steered.outcome, alone.outcome) and interruption.noted:
                 break
-            machines.append(_witnessed(problem, wrong, steered, plant))
+            opened = judged(problem, twin.point) if len(alone.cycles) > 1 else None
+            machines.append(Machine(wrong, steered, opened, judged(problem, plant.point)))
             if progress:
                 progress(len(machines), runs)
     return Fleet(problem, errors, noise, seed, steering.tolerance, runs, tuple(machines))
-
-
-def _witnessed(problem: PlanningProblem, wrong: dict[str, Any], steered: Steered, plant: _Witness) -> Machine:
-    points: Sequence[Array] = plant.points
-    opened = judged(problem, points[1]) if len(points) > 1 else None
-    return Machine(wrong, steered, opened, judged(problem, plant.point))

@@ -15,6 +15,7 @@ from nhpocp.solvers.continuation.auto import Auto
 from nhpocp.solvers.continuation.confirmation import begun_from, confirmed
 from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.step_rules import Adaptive
+from nhpocp.solvers.metrics import Metric
 
 FINER = 0.1  # of the tolerance of the steering: what a plan may miss by itself
 SOON = 20  # updates to the goal, and steps towards the least cost, from a plan that is nearly one
@@ -54,6 +55,11 @@ class Replanner:
             objective=base.objective if objective is None else objective,
         )
         return cls(base, own.restarts if isinstance(own, Auto) else Auto.restarts)
+
+    @property
+    def metric(self) -> Metric:
+        """How the size of a change is measured."""
+        return self.continuation.metric
 
     def plan(self, problem: PlanningProblem, last: PlannedRun | None = None) -> Solution:
         """From the problem's start; nothing raises that a solver can end with. Not verified."""

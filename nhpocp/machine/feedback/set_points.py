@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from math import ceil
 
 import casadi as ca
 import numpy as np
@@ -30,16 +31,24 @@ class SetPoints:
     positions: bool
 
     @classmethod
-    def of(cls, problem: PlanningProblem, control: Control, duration: float | None = None) -> SetPoints:
-        """Of a plan, which a driftless machine may take another ``duration`` for [time].
+    def of(
+        cls,
+        problem: PlanningProblem,
+        control: Control,
+        duration: float | None = None,
+        since: float = 0.0,
+        point: Array | None = None,
+    ) -> SetPoints:
+        """Of a plan, which a driftless machine may take another ``duration`` for [time of the machine].
 
-        Errors: `ValueError` where the plan cannot be integrated to its end.
+        since, point: of its rest only, from that time of the plan and that state on; the times stay those of a whole
+        run. Errors: `ValueError` where it cannot be integrated to its end.
         """
-        steps = enough_steps(STEPS, control.basis)
-        times, path = settled_path(problem, control, steps)
+        steps, grid = enough_steps(STEPS, control.basis), grid_since(since)
+        times, path = settled_path(problem, control, steps, point, grid)
         if not np.isfinite(path).all():
             raise ValueError("the plan cannot be integrated to its end")
-        wanted = uniform_grid(steps, control.breakpoints, control.horizon)
+        wanted = grid(ceil(steps * (1 - since / control.horizon)), control.breakpoints, control.horizon)
         chosen = np.unique(np.searchsorted(times, wanted - 1e-9 * control.horizon).clip(0, len(times) - 1))
         times, path = times[chosen], path[chosen]  # which had to be finer for the integration only
         slower = 1.0 if duration is None else duration / control.horizon
@@ -50,6 +59,21 @@ class SetPoints:
         middles = 0.5 * (times[1:] + times[:-1])
         held = control(middles) / slower
         return cls(slower * times, np.vstack([held, np.zeros(held.shape[1])]), positions=False)
+
+    def until(self, time: float) -> SetPoints:
+        """The first part, to the command that is nearest to a time."""
+        last = max(1, int(np.abs(self.times - time).argmin()))
+        return SetPoints(self.times[: last + 1], self.values[: last + 1], self.positions)
+
+    def after(self, part: SetPoints) -> SetPoints:
+        """What is left after a first part, `until`."""
+        done = len(part.times) - 1
+        return SetPoints(self.times[done:], self.values[done:], self.positions)
+
+    def followed_by(self, rest: SetPoints) -> SetPoints:
+        """This part and, from where it ends, another."""
+        values = np.vstack([self.values[:-1], rest.values])
+        return SetPoints(np.concatenate([self.times[:-1], rest.times]), values, self.positions)
 
     def backwards(self) -> SetPoints:
         """What takes a driftless machine back along its path."""
@@ -65,11 +89,13 @@ class SetPoints:
             return self
         return SetPoints(self.times, self.values + (values - self.values[0]), positions=True)
 
-    def run(self, plant: Plant, check: Callable[[], None] = lambda: None) -> Array | None:
+    def run(
+        self, plant: Plant, check: Callable[[], None] = lambda: None, *, goes_on: bool = False
+    ) -> Array | None:
         """Has a machine follow them to the end; where its actuators then are told to be, None for inputs.
 
-        check: called between two commands. Whatever it or the machine raises comes through; inputs are zero then, if
-        the machine still takes that.
+        check: called between two commands. goes_on: whether more follows at once; else inputs are zero in the end, and
+        so they are where ``check`` or the machine raises.
         """
         if self.positions:
             plant.command(self.values[0])
@@ -78,14 +104,29 @@ class SetPoints:
                 plant.command(value)
                 plant.advance(float(seconds))
             return np.array(self.values[-1])
+        ended = False
         try:
             for value, seconds in zip(self.values[:-1], np.diff(self.times), strict=True):
                 check()
                 plant.command(value)
                 plant.advance(float(seconds))
+            ended = True
         finally:
-            plant.command(self.values[-1])
+            if not (ended and goes_on):
+                plant.command(np.zeros_like(self.values[-1]))
         return None
+
+
+def grid_since(since: float) -> Callable[[int, Array, float], Array]:
+    """Times from ``since`` to the horizon, as `uniform_grid` makes them."""
+
+    def grid(steps: int, breakpoints: Array, horizon: float) -> Array:
+        if not since:
+            return uniform_grid(steps, breakpoints, horizon)
+        later = np.asarray(breakpoints, dtype=float)
+        return since + uniform_grid(steps, later[later > since * (1 + 1e-9)] - since, horizon - since)
+
+    return grid
 
 
 @kept(most=16)

@@ -17,9 +17,10 @@ from nhpocp.errors import CallError, InvalidProblemError, OrientationAtPiError, 
 from nhpocp.frozen import replace as changed
 from nhpocp.interruption import STOPPED, Interruption
 from nhpocp.machine.feedback.guarded_plant import GuardedPlant, PlantError
-from nhpocp.machine.feedback.planning_again import PlannedRun, Replanner
+from nhpocp.machine.feedback.planning_again import FINER, PlannedRun, Replanner
 from nhpocp.machine.feedback.plant import Plant
 from nhpocp.machine.feedback.set_points import SetPoints
+from nhpocp.machine.feedback.under_way import LAST, corrected
 from nhpocp.objectives.registry import costs_of_motion
 from nhpocp.outcome import Outcome
 from nhpocp.problem import PlanningProblem
@@ -45,7 +46,7 @@ class Cycle:
 
     error: E [rad]; position_error [length], angle_error [rad]: of the goal's parts, None where it has none. plan_s:
     seconds of the clock. plan: the `Solution`. returned: whether the machine was taken back, for this run had made the
-    error larger, and to what E (None: it was not).
+    error larger, and to what E (None: it was not). corrections: of the rest of the plan, under way.
     """
 
     measured: Mapping[str, Any]
@@ -55,6 +56,7 @@ class Cycle:
     plan: Solution | None = None
     plan_s: float | None = None
     returned: float | None = None
+    corrections: int = 0
 
     def to_json(self) -> dict[str, Any]:
         """Plain data of steer.json."""
@@ -67,6 +69,7 @@ class Cycle:
             "plan_outcome": plan.outcome.value if plan else None,
             "effort": plan.control.effort if plan else None,
             "evaluations": plan.evaluations if plan else None,
+            "corrections": self.corrections,
             "returned": self.returned,
             "measured": dict(self.measured),
         }
@@ -74,9 +77,11 @@ class Cycle:
 
 @dataclass(frozen=True)
 class Steered:
-    """How a steering ended: ``outcome`` in one word, ``message`` in a sentence, and all ``cycles``.
+    """How a steering ended.
 
-    refused: the plan that failed, where one did.
+    problem: that was steered. tolerance: E [rad] that counts as reached. outcome: an `Ending`. message: the same in a
+    sentence. cycles: a `Cycle` for each measurement after a run, and the first before any. refused: the plan that
+    failed, where one did.
     """
 
     problem: PlanningProblem
@@ -110,7 +115,8 @@ class Steering(Constructed):
     tolerance: E [rad] that counts as reached, by measurement. cycles: runs at most. objective: what each plan
     minimises, None: as the problem's own method. duration: of a run [time of the machine], None: the problem's horizon;
     driftless systems only. patience: seconds of the clock after which a method of the plant counts as failed, None: it
-    is waited for. verified: whether each plan is verified before it is run.
+    is waited for. verified: whether each plan is verified before it is run. rate: how often in a unit of the machine's
+    time the rest of the first plan is corrected from a measurement under way, None: never.
     Errors: `InvalidProblemError` for numbers that are none.
     """
 
@@ -120,6 +126,7 @@ class Steering(Constructed):
     duration: float | None = None
     patience: float | None = None
     verified: bool = True
+    rate: float | None = None
     progress: Callable[[Cycle], None] | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
@@ -128,10 +135,12 @@ class Steering(Constructed):
         if self.objective is not None and self.objective not in known:
             words = f"{self.objective!r} is none of {', '.join(known)}"
             raise InvalidProblemError(words, path="Steering.objective")
-        for name in ("duration", "patience"):
+        for name in ("duration", "patience", "rate"):
             value = getattr(self, name)
             if value is not None and not value > 0:
-                raise InvalidProblemError(f"{describe(value)}; expected a time > 0", path=f"Steering.{name}")
+                raise InvalidProblemError(
+                    f"{describe(value)}; expected a number > 0", path=f"Steering.{name}"
+                )
 
     def with_progress(self, progress: Callable[[Cycle], None] | None) -> Steering:
         """This steering, which tells somebody of every cycle that it measures."""
@@ -204,12 +213,13 @@ class _Run:
                     f"The plan of cycle {runs + 1} failed, and the machine stays where it is: {plan.message}"
                 )
                 return Ending.PLAN_FAILED, words.rstrip(".")
-            told, run = self.told, SetPoints.of(plan.problem, plan.control, self.steering.duration)
-            self._follow(run)
+            run, corrections = self._run(plan)
             here = self._from_here()
-            cycle = replace(judged(self.problem, here.start_point), plan=plan, plan_s=seconds)
+            cycle = replace(
+                judged(self.problem, here.start_point), plan=plan, plan_s=seconds, corrections=corrections
+            )
             if not cycle.error <= before:
-                return self._undone(cycle, before, run, told)
+                return self._undone(cycle, before, run)
             self._keep(cycle)
             if cycle.error > max(tolerance, PROGRESS * before):
                 return (
@@ -218,7 +228,7 @@ class _Run:
                 )
             last = PlannedRun(plan, before)
 
-    def _undone(self, cycle: Cycle, before: float, run: SetPoints, told: Array | None) -> tuple[Ending, str]:
+    def _undone(self, cycle: Cycle, before: float, run: SetPoints) -> tuple[Ending, str]:
         """A run that led away from the goal is run backwards, where the machine is driftless."""
         words = f"E = {before:.3g} before cycle {len(self.cycles)}, {cycle.error:.3g} after it"
         if not self.problem.system.driftless:
@@ -231,8 +241,37 @@ class _Run:
             self._keep(cycle)
         return Ending.NO_PROGRESS, f"{words}; taken back along its path to E = {cycle.returned:.3g}"
 
-    def _follow(self, run: SetPoints) -> None:
-        self.told = run.begun_at(self.told).run(self.plant, self.check)
+    def _run(self, plan: Solution) -> tuple[SetPoints, int]:
+        """Has the machine run a plan, corrected under way; what it was told, and how many corrections there were."""
+        steering, control, corrections = self.steering, plan.control, 0
+        duration = steering.duration or control.horizon
+        run = SetPoints.of(plan.problem, control, duration).begun_at(self.told)
+        done: SetPoints | None = None
+        for time in self._corrected_at(duration):
+            part = run.until(time)
+            self._follow(part, goes_on=True)
+            done = part if done is None else done.followed_by(part)
+            since = float(part.times[-1]) * control.horizon / duration
+            point = self._from_here().start_point
+            correction = corrected(
+                self.problem, control, since, point, FINER * steering.tolerance, self.replanner.metric
+            )
+            if correction is None:
+                run = run.after(part)
+                continue
+            control, corrections = correction.control, corrections + 1
+            run = SetPoints.of(self.problem, control, duration, since, point).begun_at(self.told)
+        self._follow(run)
+        return (run if done is None else done.followed_by(run)), corrections
+
+    def _corrected_at(self, duration: float) -> Array:
+        """Times of the first run [time of the machine] at which its rest is corrected; the last part is left alone."""
+        if self.steering.rate is None or len(self.cycles) > 1:
+            return np.empty(0)
+        return np.arange(1, int(LAST * duration * self.steering.rate * (1 + 1e-9)) + 1) / self.steering.rate
+
+    def _follow(self, run: SetPoints, goes_on: bool = False) -> None:
+        self.told = run.begun_at(self.told).run(self.plant, self.check, goes_on=goes_on)
 
     def _from_here(self) -> PlanningProblem:
         """The problem from where the machine is found to stand; after the first run there is nothing on the way."""
