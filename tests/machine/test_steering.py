@@ -176,6 +176,12 @@ def test_corrections_under_way_bring_the_first_run_nearer():
     assert not cart.speeds.any()
 
 
+def test_corrections_come_no_faster_than_commands():
+    steered = replace(QUICK, cycles=1, rate=1000).run(CART, Cart())
+    assert 0 < steered.cycles[1].corrections <= 200
+    assert steered.cycles[1].error < 0.1
+
+
 def test_a_corrected_run_that_leads_away_is_taken_back():
     class Astray(Cart):
         def command(self, set_points):

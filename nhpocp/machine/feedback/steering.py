@@ -248,6 +248,8 @@ class _Run:
         run = SetPoints.of(plan.problem, control, duration).begun_at(self.told)
         done: SetPoints | None = None
         for time in self._corrected_at(duration):
+            if time <= run.times[0]:  # a command lasts longer than that
+                continue
             part = run.until(time)
             self._follow(part, goes_on=True)
             done = part if done is None else done.followed_by(part)
