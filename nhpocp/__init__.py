@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from nhpocp.api import save_solution as save_solution
     from nhpocp.api import simulate as simulate
     from nhpocp.api import solve as solve
+    from nhpocp.api import steer as steer
     from nhpocp.api import sweep as sweep
     from nhpocp.api import verify as verify
     from nhpocp.api import write_animation as write_animation
@@ -52,6 +53,9 @@ if TYPE_CHECKING:
     from nhpocp.flow.simulation import Motion as Motion
     from nhpocp.frozen import replace as replace
     from nhpocp.horizon import Horizon as Horizon
+    from nhpocp.machine.feedback.plant import Plant as Plant
+    from nhpocp.machine.feedback.simulated_plant import SimulatedPlant as SimulatedPlant
+    from nhpocp.machine.feedback.steering import Steered as Steered
     from nhpocp.objectives.objective import ControlObjective as ControlObjective
     from nhpocp.objectives.objective import PathObjective as PathObjective
     from nhpocp.outcome import Outcome as Outcome
@@ -196,12 +200,14 @@ _HOMES = {
     "PiecewiseConstant": "controls.piecewise_constant",
     "Plan": "batch",
     "PlanningProblem": "problem",
+    "Plant": "machine.feedback.plant",
     "ProblemGuess": "solvers.nlp.guesses",
     "RigidBody": "systems.rigid_body",
     "RollingSphere": "systems.rolling_sphere",
     "Run": "comparison",
     "RungeKutta4": "flow.integrators",
     "SequenceBasis": "controls.sequence",
+    "SimulatedPlant": "machine.feedback.simulated_plant",
     "SingleShooting": "solvers.nlp.single_shooting",
     "Sinusoids": "solvers.sinusoids",
     "SinusoidsSettings": "solvers.sinusoids",
@@ -212,6 +218,7 @@ _HOMES = {
     "SphereOnSphere": "systems.sphere_on_sphere",
     "StagedTranscription": "solvers.nlp.staged_transcription",
     "StateSpace": "state_space",
+    "Steered": "machine.feedback.steering",
     "StepRule": "solvers.continuation.step_rules",
     "StraightGuess": "solvers.nlp.guesses",
     "SuslovJoint": "systems.suslov_joint",
@@ -247,6 +254,7 @@ _HOMES = {
     "scalar": "state_space",
     "simulate": "api",
     "solve": "api",
+    "steer": "api",
     "sweep": "api",
     "vector": "state_space",
     "verify": "api",

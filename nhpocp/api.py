@@ -32,6 +32,8 @@ if TYPE_CHECKING:
     from nhpocp.batch import Plan
     from nhpocp.comparison import Comparison, Entry, Run
     from nhpocp.flow.simulation import Motion
+    from nhpocp.machine.feedback.plant import Plant
+    from nhpocp.machine.feedback.steering import Steered
     from nhpocp.study.sweep import Tally
 
 Named = str | os.PathLike[str]  # of a file or folder
@@ -147,6 +149,34 @@ def sweep(
     many = whole_number(os.cpu_count() or 1 if workers is None else workers, "workers", least=1)
     with opened(read, Path(folder or Path("results") / folder_name(read.name)), resume) as store:
         return perform(read, store, many, make=make)
+
+
+def steer(
+    problem: PlanningProblem | Named,
+    plant: Plant,
+    *,
+    tolerance: float = 1e-3,
+    cycles: int = 6,
+    objective: str | None = None,
+    duration: float | None = None,
+    patience: float | None = None,
+    rate: float | None = None,
+) -> Steered:
+    """Brings a machine to a problem's goal: plan, run, measure, and plan the rest again from there.
+
+    problem: a `PlanningProblem`, or the name of its file. plant: the machine, an object with `measure()`,
+    `command(set_points)` and `advance(seconds)`, such as `SimulatedPlant`. tolerance: E [rad] that counts as reached.
+    cycles: runs at most. objective: what each plan minimises, None: as the file says. duration: of a run [time of the
+    machine], None: the problem's horizon. patience: seconds that a method of the plant may take, None: any time.
+    rate: how often in a unit of the machine's time the rest of the first plan is corrected under way, None: never.
+    `Steered` has `reached`, `outcome`, `message`, and `cycles`, each with its errors and its verified plan. What the
+    plant raises ends it as `interrupted`; a plan that fails is not run.
+    Errors: `InvalidProblemError` for what is no problem, `CallError` for what is no plant.
+    """
+    from nhpocp.machine.feedback.steering import Steering
+
+    steering = Steering(tolerance, cycles, objective, duration, patience, rate=rate)
+    return steering.run(_problem(problem), plant)
 
 
 def analyze(

@@ -24,6 +24,7 @@ VERBS: Family[click.Command] = Family(
         "schema": "nhpocp.cli.starting:schema",
         "simulate": "nhpocp.cli.simulating:simulate",
         "solve": "nhpocp.cli.solving:solve",
+        "steer": "nhpocp.cli.steering:steer",
         "sweep": "nhpocp.cli.sweeping:sweep",
         "systems": "nhpocp.cli.listing:systems",
         "verify": "nhpocp.cli.checking:verify",

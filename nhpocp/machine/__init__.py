@@ -1,1 +1,1 @@
-"""Plans and machines: `simulation` is the machine in a physics engine, `export` what its controller reads."""
+"""Plans on machines: `simulation` in a physics engine, `feedback` from what is measured, `export` to controllers."""

@@ -46,6 +46,8 @@ SIGNED = {
     "comparison.tex": (b"% nhpocp compare", b"% nhpocp sweep"),
     "comparison.json": (b'"schema_version"',),
     "animation.html": (b"nhpocp animate",),
+    "steer.json": (b'"schema_version"',),  # of `nhpocp steer`, as its table
+    "steer.csv": (b"cycle,", b"machine,outcome,"),
 }
 _DRAWN = (*PICTURES, *ANALYSIS_PICTURES, SIMULATION)
 OWN = {

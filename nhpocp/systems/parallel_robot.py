@@ -250,6 +250,11 @@ class ParallelRobot(System):
             return self.pose(state)[1][:, 2]
         return super().output(name, state, control)
 
+    def actuator_positions(self, state: Array) -> Array:
+        """The lengths of the legs with a motor."""
+        poses = zip(self.legs, self.leg_poses(state), strict=True)
+        return namespace(state).vector([pose.length for leg, pose in poses if leg.actuated])
+
     def regularity(self, state: Array) -> dict[str, Array]:
         return {"w": self.matrix(state)}
 

@@ -301,6 +301,13 @@ class System(Frozen, Shown):
         """
         return None
 
+    def actuator_positions(self, state: Array) -> Array | None:
+        """Where the actuators stand at a packed state, (n,): what a machine is told, leg lengths say.
+
+        Their rates are the inputs of `actuated`'s system. None where the inputs themselves are what it is told.
+        """
+        return None
+
     def chained_form(self, near: Array) -> ChainedForm | None:
         """Coordinates in which this system is in chained form, in a chart that holds the point ``near``.
 

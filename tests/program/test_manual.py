@@ -26,7 +26,7 @@ CALLED = {
 }
 
 # handed back by this package, or named for it to make: nobody calls them
-HANDED_BACK = {"Analysis", "Comparison", "Entry", "Motion", "Plan", "Solution", "Verdict"}
+HANDED_BACK = {"Analysis", "Comparison", "Entry", "Motion", "Steered", "Plan", "Solution", "Verdict"}
 NAMED = {"DifferentiatedEndPointMap", "SingleShooting", "StagedTranscription", "VariationalEndPointMap"}
 
 

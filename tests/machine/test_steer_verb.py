@@ -1,0 +1,100 @@
+"""The verb `steer`: what it says, writes and ends with."""
+
+import csv
+import json
+
+import pytest
+
+import nhpocp
+from nhpocp.cli.entry import status
+from tests.conftest import paper_problem
+from tests.machine.test_steering import CART
+
+ROBOT = nhpocp.dump_problem(paper_problem().with_(pictures=False))
+
+
+@pytest.fixture
+def robot(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "robot.yaml").write_text(ROBOT, encoding="utf-8")
+    return tmp_path
+
+
+def said(arguments, capsys):
+    ended = status(arguments)
+    out, err = capsys.readouterr()
+    return ended, out, err
+
+
+def test_one_machine(robot, capsys):
+    wrong = ["--error", "roller_tilt=2deg,base_radius=1%"]
+    ended, out, _ = said(["steer", "robot.yaml", *wrong, "-o", "out", "--json"], capsys)
+    answer = json.loads(out)
+    assert ended == 0
+    assert answer["outcome"] == "reached"
+    assert answer["folder"] == "out"
+    cycles = answer["cycles"]
+    assert cycles[0]["plan_s"] is None
+    assert {"position_error", "angle_error", "plan_s"} <= set(cycles[1])
+    stored = json.loads((robot / "out" / "steer.json").read_text(encoding="utf-8"))
+    assert stored["schema_version"] == 1
+    assert stored["plant"]["wrong"]["base_radius"] == pytest.approx(1.01 * 30)
+    with (robot / "out" / "steer.csv").open(newline="", encoding="utf-8") as table:
+        rows = list(csv.DictReader(table))
+    assert [float(row["error"]) for row in rows] == [cycle["error"] for cycle in cycles]
+    plans = [nhpocp.load_solution(robot / "out" / row["folder"]) for row in stored["cycles"][1:]]
+    assert all(plan.converged for plan in plans)
+    # a second steering, of fewer cycles, leaves nothing of the first
+    ended, out, _ = said(["steer", "robot.yaml", *wrong, "--cycles", "1", "-o", "out"], capsys)
+    assert ended == 1
+    assert "cycle_limit" in out
+    assert sorted(path.name for path in (robot / "out").iterdir()) == ["cycle_1", "steer.csv", "steer.json"]
+
+
+def test_many_machines(robot, capsys):
+    ended, out, _ = said(["steer", "robot.yaml", "--runs", "2", "--noise", "1e-4", "-o", "out"], capsys)
+    assert ended == 0
+    assert "2 of 2 machines reached the goal" in out
+    assert "roller_tilt 2 deg" in out
+    stored = json.loads((robot / "out" / "steer.json").read_text(encoding="utf-8"))
+    table = stored["table"]["position_error"]
+    assert table["with"][-1] < 5e-3 < table["without"][-1]
+    with (robot / "out" / "steer.csv").open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["outcome"] for row in rows] == ["reached", "reached"]
+    assert float(rows[0]["base_radius"]) == stored["machines"][0]["wrong"]["base_radius"]
+
+
+def test_pictures_of_a_cart(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "cart.yaml").write_text(nhpocp.dump_problem(CART), encoding="utf-8")
+    ended, _, err = said(["steer", "cart.yaml", "--error", "v=3%", "-o", "out"], capsys)
+    assert (ended, err) == (0, "")
+    for kind in ("png", "svg"):
+        assert (tmp_path / "out" / f"steering.{kind}").stat().st_size > 5000
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--error", "rollertilt=2deg"], "did you mean 'roller_tilt'?"),
+        (["--tolerance", "0"], "not positive"),
+        (["--objective", "beauty"], "none of none, effort"),
+        (["--noise", "-1"], "noise"),
+        (["--set", "horizon={min: 1, max: 2}"], "horizon"),
+    ],
+)
+def test_bad_input_is_answered(arguments, words, robot, capsys):
+    ended, out, err = said(["steer", "robot.yaml", *arguments, "-o", "out"], capsys)
+    assert (ended, out) == (2, "")
+    assert words in err
+    assert "Traceback" not in err
+
+
+def test_what_others_wrote_is_left_alone(robot, capsys):
+    (robot / "out" / "cycle_1").mkdir(parents=True)
+    (robot / "out" / "cycle_1" / "notes.txt").write_text("mine", encoding="utf-8")
+    ended, _, err = said(["steer", "robot.yaml", "-o", "out"], capsys)
+    assert ended == 2
+    assert "left alone" in err
+    assert (robot / "out" / "cycle_1" / "notes.txt").read_text(encoding="utf-8") == "mine"

@@ -1,0 +1,285 @@
+"""Plans on machines that differ from the model: the cycle, its endings, and what a machine may do to it."""
+
+import re
+import time
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+import nhpocp
+from nhpocp import deg
+from nhpocp.errors import CallError, InvalidProblemError
+from nhpocp.machine.feedback.fleet import steer_fleet
+from nhpocp.machine.feedback.model_errors import ModelErrors
+from nhpocp.machine.feedback.planning_again import PlannedRun, Replanner
+from nhpocp.machine.feedback.set_points import SetPoints
+from nhpocp.machine.feedback.simulated_plant import SimulatedPlant
+from nhpocp.machine.feedback.steering import Ending, Steering
+from tests.conftest import paper_problem
+
+PAPER = paper_problem()
+ROBOT = PAPER.system
+CART = nhpocp.PlanningProblem(
+    system=nhpocp.Unicycle(),
+    start={"x": 0, "y": 0, "theta": 0},
+    goal={"x": 0, "y": 0.5, "theta": 0},
+    initial=[[0.5, 0, -2, 0, 0], [0, 3, 0, 0, 0]],
+)
+QUICK = Steering(verified=False)
+
+
+def wrong_robot(**more):
+    changed = ROBOT.with_(roller_tilt=ROBOT.parameters()["roller_tilt"] + 2 * deg, base_radius=30.3)
+    return SimulatedPlant(changed, PAPER.start, **more)
+
+
+class Cart:
+    """A plant of ones own, in ten lines."""
+
+    def __init__(self):
+        self.pose, self.speeds = np.zeros(3), np.zeros(2)
+
+    def measure(self):
+        return dict(zip(("x", "y", "theta"), self.pose, strict=True))
+
+    def command(self, set_points):
+        self.speeds = np.array(set_points)
+
+    def advance(self, seconds):
+        v, w = 1.03 * self.speeds
+        for _ in range(5):
+            self.pose += seconds / 5 * np.array([v * np.cos(self.pose[2]), v * np.sin(self.pose[2]), w])
+
+
+class Failing(Cart):
+    def __init__(self, after, error):
+        super().__init__()
+        self.left, self.error = after, error
+
+    def advance(self, seconds):
+        self.left -= 1
+        if self.left < 0:
+            raise self.error
+        super().advance(seconds)
+
+
+def test_a_wrong_robot_comes_to_its_goal_in_four_cycles():
+    steered = Steering(cycles=4).run(PAPER, plant := wrong_robot())
+    assert steered.reached
+    assert nhpocp.verify(steered.cycles[1].plan).ok
+    first, last = steered.cycles[1], steered.cycles[-1]
+    assert first.position_error > 1  # without feedback: [physics] 1.16 units in another engine
+    assert last.position_error < 1e-3
+    assert PAPER.goal_error(plant.point) == pytest.approx(last.error)
+    errors = [cycle.error for cycle in steered.cycles]
+    assert all(after < 0.2 * before for before, after in pairwise(errors))
+
+
+def test_plans_shrink_with_what_is_left():
+    steered = replace(QUICK, tolerance=1e-4).run(PAPER, wrong_robot())
+    efforts = [cycle.plan.control.effort for cycle in steered.cycles[2:]]
+    assert all(after < 0.2 * before for before, after in pairwise(efforts))
+
+
+def test_a_machine_that_is_the_model_needs_one_cycle():
+    steered = QUICK.run(PAPER, SimulatedPlant(ROBOT, PAPER.start))
+    assert [len(steered.cycles), steered.outcome] == [2, Ending.REACHED]
+
+
+def test_a_machine_at_the_goal_is_left_alone():
+    steered = QUICK.run(PAPER, SimulatedPlant(ROBOT, PAPER.goal))
+    assert [len(steered.cycles), steered.outcome] == [1, Ending.REACHED]
+
+
+def test_a_plant_of_ones_own():
+    steered = nhpocp.steer(CART, cart := Cart())
+    assert steered.reached
+    assert steered.cycles[1].error > 1e-2
+    assert not cart.speeds.any()  # a run ends with zero inputs
+
+
+@pytest.mark.parametrize("after", [0, 150, 250])
+def test_a_plant_that_raises_keeps_what_was_measured(after):
+    steered = QUICK.run(CART, plant := Failing(after, OSError("no link to the motors")))
+    assert steered.outcome is Ending.INTERRUPTED
+    assert "advance() raised OSError: no link to the motors" in steered.message
+    assert len(steered.cycles) == 1 + after // 200
+    assert not plant.speeds.any()
+
+
+def test_a_stop_by_hand_keeps_what_was_measured():
+    steered = QUICK.run(CART, plant := Failing(250, KeyboardInterrupt()))
+    assert steered.outcome is Ending.INTERRUPTED
+    assert len(steered.cycles) == 2
+    assert not plant.speeds.any()
+
+
+def test_a_plant_that_hangs_is_not_waited_for():
+    class Hanging(Cart):
+        def measure(self):
+            time.sleep(0.5)
+            return super().measure()
+
+    steered = replace(QUICK, patience=0.05).run(CART, Hanging())
+    assert steered.outcome is Ending.INTERRUPTED
+    assert "measure() raised TimeoutError" in steered.message
+    assert not steered.cycles
+    assert np.isnan(steered.error)
+
+
+@pytest.mark.parametrize("pose", [{"x": 0, "y": 0}, {"x": 0, "y": float("nan"), "theta": 0}, 3])
+def test_a_measurement_that_is_none_ends_it(pose):
+    class Blind(Cart):
+        def measure(self):
+            return pose
+
+    assert "measure() gave no pose" in QUICK.run(CART, Blind()).message
+
+
+def test_progress_is_never_reversed():
+    class Mirrored(Cart):
+        def command(self, set_points):
+            self.speeds = np.array([1, -1]) * set_points
+
+    steered = QUICK.run(CART, Mirrored())
+    assert steered.outcome is Ending.NO_PROGRESS
+    first, last = steered.cycles
+    assert last.error > first.error
+    assert steered.error == pytest.approx(first.error, abs=1e-2)  # taken back along its path
+    robot = wrong_robot()
+    run = SetPoints.of(PAPER, PAPER.control(PAPER.initial))
+    there = run.run(robot)
+    run.backwards().begun_at(there).run(robot)
+    assert PAPER.system.state_space.distance(robot.point, PAPER.start_point) < 1e-5
+
+
+def test_a_plan_that_fails_moves_nothing():
+    goal = {"position": [0, 0, 200], "orientation": {"rpy": [0, 0, 0]}}
+    elsewhere = PAPER.with_(goal=goal, bounds={"leg_length": [20, 60]})
+    steered = QUICK.run(elsewhere, plant := SimulatedPlant(ROBOT, PAPER.start))
+    assert steered.outcome is Ending.PLAN_FAILED
+    assert "stays where it is" in steered.message
+    assert steered.refused is not None
+    assert plant.point == pytest.approx(PAPER.start_point, abs=1e-15)
+
+
+def test_corrections_under_way_bring_the_first_run_nearer():
+    plain, corrected = (replace(QUICK, cycles=1, rate=rate) for rate in (None, 10))
+    without, within = (steering.run(PAPER, wrong_robot()).cycles[1] for steering in (plain, corrected))
+    assert (without.corrections, within.corrections) == (0, 8)
+    assert within.error < 0.5 * without.error
+    steered = replace(QUICK, rate=10).run(CART, cart := Cart())
+    assert steered.reached
+    assert [cycle.corrections > 0 for cycle in steered.cycles[:3]] == [False, True, False]
+    assert not cart.speeds.any()
+
+
+def test_corrections_come_no_faster_than_commands():
+    steered = replace(QUICK, cycles=1, rate=1000).run(CART, Cart())
+    assert 0 < steered.cycles[1].corrections <= 200
+    assert steered.cycles[1].error < 0.1
+
+
+def test_a_corrected_run_that_leads_away_is_taken_back():
+    class Astray(Cart):
+        def command(self, set_points):
+            self.speeds = np.array([1, -1]) * set_points
+
+    steered = replace(QUICK, rate=4).run(CART, Astray())
+    assert steered.error <= steered.cycles[0].error + 1e-2
+
+
+def test_a_limit_of_cycles_and_of_progress():
+    assert replace(QUICK, cycles=1).run(PAPER, wrong_robot()).outcome is Ending.CYCLE_LIMIT
+
+    class Stuck(Cart):
+        def advance(self, seconds):
+            pass
+
+    assert QUICK.run(CART, Stuck()).outcome is Ending.NO_PROGRESS
+
+
+def test_the_same_seed_is_the_same_machine():
+    def ends(seed):
+        fleet = steer_fleet(PAPER, ModelErrors.of_all(2, ROBOT), 3, QUICK, noise=1e-4, seed=seed)
+        assert fleet.reached == 3
+        assert fleet.errors_at_the_end("position_error", feedback=True).max() < 5e-3
+        return fleet.errors_at_the_end("error", feedback=False)
+
+    first = ends(0)
+    assert np.array_equal(first, ends(0))
+    assert not np.intersect1d(first, ends(1)).size
+
+
+def test_a_longer_run_takes_the_same_path():
+    short, long = SetPoints.of(PAPER, control := PAPER.control(PAPER.initial)), None
+    long = SetPoints.of(PAPER, control, duration=10)
+    assert long.times[-1] == pytest.approx(10)
+    assert np.array_equal(short.values, long.values)
+    carts = []
+    for duration in (None, 10):
+        SetPoints.of(CART, CART.control(CART.initial), duration).run(cart := Cart())
+        carts.append(cart.pose)
+    assert carts[0] == pytest.approx(carts[1], abs=1e-3)
+
+
+def test_an_offset_of_the_encoders_moves_nothing():
+    robot = wrong_robot()
+    lengths = ROBOT.actuator_positions(PAPER.start_point)
+    robot.command(lengths + 3)
+    robot.advance(0.1)
+    assert robot.point == pytest.approx(PAPER.start_point, abs=1e-12)
+
+
+def test_a_simulated_machine_is_the_model_where_nothing_is_wrong():
+    control = PAPER.control(PAPER.initial)
+    SetPoints.of(PAPER, control).run(plant := SimulatedPlant(ROBOT, PAPER.start))
+    end = nhpocp.simulate(PAPER, control).trajectory["position"][-1]
+    assert plant.point[:3] == pytest.approx(end, abs=1e-3)
+
+
+def test_errors_are_read_as_they_are_written():
+    errors = ModelErrors.parsed("roller_tilt=2deg, base_radius=1%,platform_radius=0.3", ROBOT)
+    system, gains, wrong = errors.machine()
+    assert gains is None
+    assert wrong == pytest.approx({"roller_tilt": 77 * deg, "base_radius": 30.3, "platform_radius": 15.3})
+    assert system.parameters()["base_radius"] == pytest.approx(30.3)
+    assert ModelErrors.parsed("w=-5%", CART.system).machine()[1] == pytest.approx([1, 0.95])
+    assert [error.name for error in ModelErrors.parsed("2%", nhpocp.Car()).errors] == ["wheelbase"]
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("roler_tilt=2deg", "did you mean 'roller_tilt'?"),
+        ("roller_tilt=two", "expected a number"),
+        ("roller_tilt", "expected NAME=AMOUNT"),
+        ("base_radius=1%,base_radius=2%", "given twice"),
+        ("base_radius=-100%", "no machine of these errors"),
+    ],
+)
+def test_errors_that_are_none_are_refused(text, words):
+    with pytest.raises(InvalidProblemError, match=re.escape(words)):
+        ModelErrors.parsed(text, ROBOT).machine()
+
+
+def test_wrong_calls_are_answered():
+    with pytest.raises(CallError, match="expected a plant"):
+        QUICK.run(CART, object())
+    with pytest.raises(InvalidProblemError, match="none of none, effort"):
+        Steering(objective="efort")
+    with pytest.raises(InvalidProblemError, match="number > 0"):
+        Steering(duration=0)
+    with pytest.raises(InvalidProblemError, match="expected 3 finite numbers"):
+        wrong_robot().command([1, 2])
+    with pytest.raises(InvalidProblemError, match="noise"):
+        SimulatedPlant(ROBOT, PAPER.start, noise=-1)
+
+
+def test_a_plan_that_never_moved_falls_back_to_the_solver():
+    replanner = Replanner.of(PAPER, 1e-3)
+    plan = replanner.plan(PAPER)
+    useless = replace(plan, control=PAPER.control(np.zeros_like(PAPER.initial)))
+    assert replanner.plan(PAPER, PlannedRun(useless, 1.0)).outcome.value == "converged"
