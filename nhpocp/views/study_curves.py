@@ -8,7 +8,7 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullFormatter, NullLocator
+from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, MaxNLocator, NullFormatter, NullLocator
 
 from nhpocp.arrays import Array
 from nhpocp.survey import Survey
@@ -55,6 +55,9 @@ def _distributions(survey: Survey) -> Overlay:
             axes.step(x, y, where="post", **line_style(k))
         if _wide(seen):
             axes.set_xscale("log")
+        else:  # numbers that do not run into one another
+            axes.xaxis.set_major_locator(MaxNLocator(4))
+            axes.ticklabel_format(axis="x", scilimits=(-2, 4))
         axes.set(ylim=(0, 1.02), xlabel=words.quantity_label(quantity, survey.problem))
         if place % columns == 0:
             axes.set_ylabel("share of solved runs")
