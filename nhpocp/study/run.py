@@ -210,7 +210,7 @@ def judged(solution: Solution) -> Solution:
 
 
 def _row(study: Study, run: int, solution: Solution, seconds: float, tries: int) -> Row:
-    data = to_json(solution)
+    data = to_json(replace(solution, trajectory={}, iterations=[]))  # which no column holds
     least = {
         name: float(np.min(values))
         for name, values in solution.trajectory.items()
