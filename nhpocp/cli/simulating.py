@@ -20,33 +20,20 @@ if TYPE_CHECKING:
 _NUMBER = r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)"
 
 
-def _amount(text: str, option: str, relative: bool = False) -> tuple[float, bool]:
-    """0.1, 2deg or, where it may be relative, 1%: the number, angles in radians, and whether it is a share."""
-    parts = re.fullmatch(rf"\s*{_NUMBER}\s*(deg|%)?\s*", text)
-    if parts is None or (parts[2] == "%" and not relative):
-        wanted = "0.1, 2deg or 1%" if relative else "0.1 or 2deg"
-        raise click.BadParameter(f"{text!r}; expected a number such as {wanted}", param_hint=option)
+def _amount(text: str, option: str) -> float:
+    """0.1 or 2deg: angles in radians."""
+    parts = re.fullmatch(rf"\s*{_NUMBER}\s*(deg)?\s*", text)
+    if parts is None:
+        words = f"{text!r}; expected a number such as 0.1 or 2deg"
+        raise click.BadParameter(words, param_hint=option)
     number = float(parts[1])
-    share = parts[2] == "%"
-    return (number / 100 if share else math.radians(number) if parts[2] else number), share
-
-
-def _errors(texts: tuple[str, ...]) -> dict[str, tuple[float, bool]]:
-    """roller_tilt=2deg,base_radius=1%."""
-    errors = {}
-    for part in (part for text in texts for part in text.split(",")):
-        name, equals, value = part.partition("=")
-        if not equals:
-            words = f"{part!r}; expected NAME=VALUE, such as roller_tilt=2deg or base_radius=1%"
-            raise click.BadParameter(words, param_hint="--error")
-        errors[name.strip()] = _amount(value, "--error", relative=True)
-    return errors
+    return math.radians(number) if parts[2] else number
 
 
 def _pair(text: str, option: str) -> tuple[float, float | None]:
     """One number or two."""
     first, comma, second = text.partition(",")
-    return _amount(first, option)[0], _amount(second, option)[0] if comma else None
+    return _amount(first, option), _amount(second, option) if comma else None
 
 
 def _settings(**given: Any) -> MachineSettings:
@@ -56,7 +43,7 @@ def _settings(**given: Any) -> MachineSettings:
     stiffness, damping = _pair(given.pop("servo"), "--servo")
     given |= {"noise": (position, orientation or 0.0), "stiffness": stiffness}
     given |= {} if damping is None else {"damping": damping}
-    return MachineSettings(errors=_errors(given.pop("error")), **given)
+    return MachineSettings(errors=",".join(given.pop("error")), **given)
 
 
 @click.command()

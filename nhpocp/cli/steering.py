@@ -16,8 +16,8 @@ from nhpocp.cli.terminal import put, say, tell
 if TYPE_CHECKING:
     from nhpocp.interruption import Interruption
     from nhpocp.machine.feedback.fleet import Fleet
-    from nhpocp.machine.feedback.model_errors import ModelErrors
     from nhpocp.machine.feedback.steering import Cycle, Steered, Steering
+    from nhpocp.machine.model_errors import ModelErrors
     from nhpocp.problem import PlanningProblem
 
 OF_A_FLEET = 2.0  # per cent of every number, and degrees of every angle, where --runs comes without --error
@@ -80,8 +80,8 @@ def steer(
     folder. Default folder: results/NAME/steer.
     """
     from nhpocp.interruption import Interruption
-    from nhpocp.machine.feedback.model_errors import ModelErrors
     from nhpocp.machine.feedback.steering import Steering
+    from nhpocp.machine.model_errors import ModelErrors
     from nhpocp.solution_folder import folder_name
     from nhpocp.steering_folder import check_home
 

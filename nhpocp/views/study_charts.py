@@ -237,13 +237,13 @@ def _numbers(axes: Any, values: Array, mesh: Any) -> None:
 
 def _map_axes(axes: Any, chart: Map, survey: Survey, column: int, lowest: bool, room: float) -> None:
     """Ticks and labels; the y axis is named once a row, the x axis once a column. room: for the x axis [inch]."""
-    assert chart.rows is not None
     _level_ticks(axes.xaxis, chart.columns, chart.group[0], room)
-    _level_ticks(axes.yaxis, chart.rows, chart.group[1])
     if lowest:
         axes.set_xlabel(words.axis_words(chart.columns, survey.problem))
-    if column == 0:
-        axes.set_ylabel(words.axis_words(chart.rows, survey.problem))
+    if chart.rows:
+        _level_ticks(axes.yaxis, chart.rows, chart.group[1])
+        if column == 0:
+            axes.set_ylabel(words.axis_words(chart.rows, survey.problem))
     axes.tick_params(length=0)
     for spine in ("top", "right"):
         axes.spines[spine].set_visible(True)

@@ -17,7 +17,6 @@ import nhpocp
 from nhpocp import so3
 from nhpocp.cli.entry import status
 from nhpocp.machine.simulation import Machine, MachineSettings, Simulation, build, play, playing
-from nhpocp.machine.simulation.playing import with_errors
 from nhpocp.solution import Solution
 from nhpocp.solution_folder import save_solution
 from nhpocp.solution_folder.target import require_replaceable
@@ -73,7 +72,7 @@ def test_a_plan_with_another_length_of_one_leg_is_seen_to_miss(plan: Solution) -
 
 def test_a_machine_that_differs_from_the_model_misses_by_as_much_as_measured(plan: Solution) -> None:
     # measured with another model of this machine, played slowly: 1.16 units and 5.1°
-    wrong = play(plan, MachineSettings(errors={"roller_tilt": (np.radians(2), False)}), duration=2.0)
+    wrong = play(plan, MachineSettings(errors="roller_tilt=2deg"), duration=2.0)
     assert off(wrong) == pytest.approx((1.16, 5.1), rel=0.03)
 
 
@@ -173,19 +172,15 @@ def test_latency_noise_and_seed_are_those_asked_for(plan: Solution) -> None:
 
 
 def test_what_cannot_be_built_is_refused_in_words(plan: Solution) -> None:
-    robot = plan.problem.system
     with pytest.raises(nhpocp.InvalidProblemError, match="did you mean 'roller_tilt'"):
-        with_errors(robot, {"rollr_tilt": (0.1, False)})
-    assert with_errors(robot, {"base_radius": (0.01, True)}).parameters()["base_radius"] == pytest.approx(
-        30.3
-    )
+        play(plan, MachineSettings(errors="rollr_tilt=0.1"), duration=1.0)
     start = {name: plan.problem.start[name] for name in ("position", "orientation")}
     with pytest.raises(nhpocp.InvalidProblemError, match="heisenberg cannot be built"):
         Machine(nhpocp.Heisenberg(), start)
     with pytest.raises(nhpocp.InvalidProblemError, match=r"press.*> 0"):
         MachineSettings(press=0.0)
     with pytest.raises(nhpocp.InvalidProblemError, match="expected 3 finite leg lengths"):
-        Machine(robot, start).command(np.zeros(2))
+        Machine(plan.problem.system, start).command(np.zeros(2))
 
 
 def test_what_breaks_apart_says_so_and_leaves_no_file(
@@ -245,14 +240,14 @@ def test_the_verb_says_that_the_machine_missed(stored: Path, tmp_path: Path, cap
     assert status(["simulate", str(folder), *asked]) == 1
     assert "missed the plan's end" in capsys.readouterr().out
     data = json.loads((folder / "simulation" / "simulation.json").read_text(encoding="utf-8"))
-    assert data["machine"]["errors"]["base_radius"] == {"by": 0.01, "relative": True}
+    assert data["machine"]["errors"] == "roller_tilt=2deg,base_radius=1%"
 
 
 @pytest.mark.parametrize(
     ("option", "value", "words"),
     [
-        ("--error", "roller_tilt", "NAME=VALUE"),
-        ("--error", "roller_tilt=2 grad", "2deg or 1%"),
+        ("--error", "roller_tilt", "NAME=AMOUNT"),
+        ("--error", "roller_tilt=2 grad", "only deg is"),
         ("--error", "base_radus=1%", "did you mean 'base_radius'?"),
         ("--noise", "1%", "0.1 or 2deg"),
         ("--duration", "0", "0.01 to 3600 s"),

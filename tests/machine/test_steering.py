@@ -12,11 +12,11 @@ import nhpocp
 from nhpocp import deg
 from nhpocp.errors import CallError, InvalidProblemError
 from nhpocp.machine.feedback.fleet import steer_fleet
-from nhpocp.machine.feedback.model_errors import ModelErrors
 from nhpocp.machine.feedback.planning_again import PlannedRun, Replanner
 from nhpocp.machine.feedback.set_points import SetPoints
 from nhpocp.machine.feedback.simulated_plant import SimulatedPlant
 from nhpocp.machine.feedback.steering import Ending, Steering
+from nhpocp.machine.model_errors import ModelErrors
 from tests.conftest import paper_problem
 
 PAPER = paper_problem()

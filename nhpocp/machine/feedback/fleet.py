@@ -10,10 +10,10 @@ import numpy as np
 
 from nhpocp.arrays import Array
 from nhpocp.interruption import Interruption
-from nhpocp.machine.feedback.model_errors import ModelErrors
 from nhpocp.machine.feedback.planning_again import Replanner
 from nhpocp.machine.feedback.simulated_plant import SimulatedPlant
 from nhpocp.machine.feedback.steering import Cycle, Ending, Steered, Steering, judged
+from nhpocp.machine.model_errors import ModelErrors
 from nhpocp.outcome import Outcome
 from nhpocp.problem import PlanningProblem
 

@@ -12,13 +12,13 @@ import numpy as np
 
 from nhpocp import so3
 from nhpocp.arrays import Array
-from nhpocp.errors import InvalidProblemError, suggestion
+from nhpocp.errors import InvalidProblemError
+from nhpocp.machine.model_errors import ModelErrors
 from nhpocp.machine.simulation.building import as_robot
 from nhpocp.machine.simulation.machine import LONGEST_SETTLING, Machine
 from nhpocp.machine.simulation.settings import MachineSettings
 from nhpocp.solution import Solution
 from nhpocp.systems.parallel_robot import ParallelRobot
-from nhpocp.systems.system import System
 
 CONTROL_STEP = 0.002  # s between set-points
 SAMPLES = 400  # over the duration
@@ -81,29 +81,6 @@ class Simulation:
         return float(np.nanmax(position)), float(np.nanmax(angle))
 
 
-def with_errors(system: System, errors: Mapping[str, tuple[float, bool]]) -> System:
-    """The system with other numbers among its parameters: by an amount, or relative to their values.
-
-    Errors: `InvalidProblemError` for a parameter that it does not have, or that is no number.
-    """
-    known = {
-        name: value
-        for name, value in system.parameters().items()
-        if isinstance(value, float | int) and not isinstance(value, bool)
-    }
-    changes = {}
-    for name, (by, relative) in errors.items():
-        if name not in known:
-            near = (
-                suggestion(name, known, "")
-                if known
-                else "its legs are explicit, and it has no numbers to change"
-            )
-            raise InvalidProblemError(f"{name!r} is no number of this {system.model}; {near}", path="error")
-        changes[name] = known[name] * (1 + by) if relative else known[name] + by
-    return system.with_(**changes) if changes else system
-
-
 def play(
     solution: Solution,
     settings: MachineSettings | None = None,
@@ -127,7 +104,7 @@ def play(
     system = as_robot(solution.problem.system)
     plan = _Plan(solution, system)
     start = {"position": plan.position(0.0), "orientation": plan.orientation(0.0)}
-    machine = Machine(with_errors(system, settings.errors), start, settings)
+    machine = Machine(ModelErrors.parsed(settings.errors, system).machine()[0], start, settings)
     machine.home(plan.leg_lengths(0.0))
     machine.settle()
     log = _Log(machine, plan)

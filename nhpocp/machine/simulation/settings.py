@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 from math import isfinite
 from typing import Any
 
@@ -20,8 +19,8 @@ class MachineSettings(Constructed):
     balls, Coulomb's coefficient. press: the force by which a roller is held against its ball [N]. stiffness, damping:
     of the motors' position servos [N/m, N s/m]. noise: standard deviations of the measured position [length] and
     orientation [rad]. latency: from a command until the servos have it [s]. seed: of the noise. errors: by how much the
-    machine's parameters differ from the model's, as (by, relative): {"roller_tilt": (0.035, False),
-    "base_radius": (0.01, True)}. Errors: `InvalidProblemError` for what is none.
+    machine's parameters differ from the model's, as `ModelErrors` reads it: "roller_tilt=2deg,base_radius=1%". Errors:
+    `InvalidProblemError` for what is none.
     """
 
     gravity: float = 0.0
@@ -33,7 +32,7 @@ class MachineSettings(Constructed):
     noise: tuple[float, float] = (0.0, 0.0)
     latency: float = 0.0
     seed: int = 0
-    errors: Mapping[str, tuple[float, bool]] = field(default_factory=dict)
+    errors: str = ""
 
     def __post_init__(self) -> None:
         for name in ("gravity", "payload", "friction", "press", "stiffness", "damping", "latency"):
@@ -49,5 +48,4 @@ class MachineSettings(Constructed):
     def to_json(self) -> dict[str, Any]:
         """Plain data."""
         values = {each.name: getattr(self, each.name) for each in fields(self)}
-        errors = {name: {"by": by, "relative": relative} for name, (by, relative) in self.errors.items()}
-        return {**values, "noise": list(self.noise), "errors": errors}
+        return {**values, "noise": list(self.noise)}

@@ -105,9 +105,10 @@ class ModelErrors:
 
 def _inputs(system: System) -> list[str]:
     """Names of the inputs that a machine is told itself; none where it is told positions."""
-    from nhpocp.machine.feedback.set_points import positions_function
+    import casadi as ca
 
-    return [] if positions_function(system) is not None else list(system.input_space.labels)
+    positions = system.actuator_positions(ca.SX.sym("x", system.state_space.size))
+    return [] if positions is not None else list(system.input_space.labels)
 
 
 def _values(system: System) -> dict[str, Any]:
