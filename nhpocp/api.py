@@ -135,7 +135,7 @@ def sweep(
     ``lambda: ProcessPoolExecutor(8)`` or ``lambda: DaskExecutor("tcp://first:8786")``. resume: run what the store
     there does not have yet. The `Tally` says how many are solved and verified; `Store.open` reads the rows. Processes
     are begun anew, so a script guards what it does by ``if __name__ == "__main__":``. Ctrl-C ends it, and the tally
-    says ``stopped``. Errors: `InvalidProblemError`, as for a store that is there without being asked for.
+    says why it ``stopped``. Errors: `InvalidProblemError`, as for a store that is there without being asked for.
     """
     from nhpocp.solution_folder import folder_name
     from nhpocp.study.study import read_study

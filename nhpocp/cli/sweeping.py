@@ -76,7 +76,9 @@ def sweep(
         outcomes, first = store.outcomes(), store.failed()
     optimum = Optimum.of(study.optimise, tally.trials) if study.optimise else None
     if tally.stopped:
-        say(f"stopped by hand; {tally.stored} of {tally.runs} runs are stored, --resume runs the others")
+        say(
+            f"stopped {tally.stopped}; {tally.stored} of {tally.runs} runs are stored, --resume runs the others"
+        )
     report = _report(store.file, folder, as_json)
     if as_json:
         numbers = tally.runs, tally.converged, tally.failed, tally.seconds

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 from collections.abc import Callable
 from concurrent import futures
@@ -20,6 +21,10 @@ OPTION = "--dask"
 
 class WorkerDiedError(Exception):
     """The workers that were given a job died; the others go on."""
+
+
+class SchedulerLostError(Exception):
+    """No worker can be reached any more."""
 
 
 _alone = threading.Lock()  # of a worker with several threads
@@ -48,6 +53,8 @@ class DaskExecutor(Executor):
         except ImportError:
             words = 'Dask needs distributed; install it with: pip install "nhpocp[cluster]"'
             raise MissingDependencyError(words) from None
+        for logger in ("distributed", "distributed.client"):  # what they log ends in a future too
+            logging.getLogger(logger).setLevel(logging.CRITICAL)
         self._begun: set[Future[Any]] = set()
         self._client: Any = None
         self._cluster: Any = None
@@ -65,11 +72,14 @@ class DaskExecutor(Executor):
 
     @property
     def workers(self) -> int:
-        """How many there are now."""
-        return max(1, len(self._client.scheduler_info(n_workers=-1)["workers"]))
+        """How many there are now. Errors: `SchedulerLostError`."""
+        try:
+            return max(1, len(self._client.scheduler_info(n_workers=-1)["workers"]))
+        except OSError as error:
+            raise SchedulerLostError from error
 
     def submit(self, work: Callable[..., Any], /, *arguments: Any, **named: Any) -> Future[Any]:
-        """Errors, of the future: `WorkerDiedError`; `ConnectionError` where the scheduler is lost."""
+        """Errors, of the future: `WorkerDiedError`, `SchedulerLostError`."""
         ours: Future[Any] = Future()
         ours.set_running_or_notify_cancel()
         theirs = self._client.submit(_one_at_a_time, work, *arguments, **named, pure=False)
@@ -107,4 +117,4 @@ def _hand_over(theirs: Any, ours: Future[Any]) -> None:
     error = theirs.exception() if theirs.status == "error" else None
     if isinstance(error, KilledWorker):
         error = WorkerDiedError(one_line(error))
-    ours.set_exception(error or ConnectionError("the scheduler of Dask was lost"))
+    ours.set_exception(error or SchedulerLostError())

@@ -19,7 +19,7 @@ from nhpocp.interruption import Interruption
 from nhpocp.provenance import environment
 from nhpocp.solvers.workers import OFTEN, awaited, deaf_to_ctrl_c, own_executor, permit, processes, submitted
 from nhpocp.study import STORE
-from nhpocp.study.cluster import WorkerDiedError
+from nhpocp.study.cluster import SchedulerLostError, WorkerDiedError
 from nhpocp.study.order import Piece, one_by_one
 from nhpocp.study.rounds import Round, rounds
 from nhpocp.study.run import Job, Source, failed_row, performed
@@ -43,7 +43,7 @@ class Tally:
     converged: int
     began: float = field(default_factory=perf_counter)
     done: int = 0  # in this sweep
-    stopped: bool = False  # by hand
+    stopped: str = ""  # why, where it was
     trials: list[Trial] = field(default_factory=list)
 
     @property
@@ -89,9 +89,10 @@ def sweep(
     """Performs the runs that a store does not have yet, and stores each once.
 
     workers: processes, of one thread each. progress: is told of every change. make: another executor for them, which
-    may say how many ``workers`` it has. Ctrl-C ends it; what was stored stays, and the tally says ``stopped``. A run
-    whose process dies is begun once more, alone; if it dies again its row says so. Errors: `InvalidProblemError` where
-    the store cannot be written to, and whatever ends the executor as a whole.
+    may say how many ``workers`` it has. Ctrl-C ends it, and so does the loss of all workers at once; what was stored
+    stays, and the tally says why it ``stopped``. A run whose process dies is begun once more, alone; if it dies again
+    its row says so. Errors: `InvalidProblemError` where the store cannot be written to, and whatever ends the
+    executor as a whole.
     """
     make = make or partial(processes, workers, "spawn")
     outcomes = store.outcomes()
@@ -110,7 +111,9 @@ def sweep(
                     course.begin(many())
                     course.run(partial(submitted, executor, given), many, interruption)
         except KeyboardInterrupt:
-            tally.stopped = True
+            tally.stopped = "by hand"
+        except SchedulerLostError:
+            tally.stopped = "since Dask's scheduler was lost"
     return tally
 
 
@@ -176,7 +179,8 @@ class _Course:
                     while not self.suspects and len(under_way) < workers() + AHEAD and self.left():
                         job = self._begun(submit, self.waiting[0])
                         under_way[job] = self.waiting.popleft()
-                    for job in wait(under_way, OFTEN, FIRST_COMPLETED).done:
+                    ended = wait(under_way, OFTEN, FIRST_COMPLETED).done
+                    for job in sorted(ended, key=lambda job: job.exception() is not None):  # rows first
                         try:
                             self._keep(job.result())
                         except WorkerDiedError:  # it is known whose work it was

@@ -8,8 +8,10 @@ import signal
 import subprocess
 import sys
 import threading
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 
 from nhpocp.study import cluster
+from nhpocp.study.cluster import SchedulerLostError
 from tests.study.test_sweep import LONG, UNICYCLE, alike, count, environment, ran, rows, wait_for
 
 
@@ -64,6 +66,37 @@ def test_workers_here_give_the_rows_of_processes(tmp_path, undisturbed):
     status, out, errors = ran("sweep", "corners.yaml", *options, cwd=tmp_path)
     assert (status, errors, json.loads(out)["converged"]) == (0, "", 24)
     alike(rows(tmp_path / "out" / "study.sqlite"), undisturbed)
+
+
+class Lost(ThreadPoolExecutor):
+    """Workers whose scheduler is lost with their third job, when the others have ended."""
+
+    def __init__(self):
+        super().__init__(1)
+        self.jobs = []
+
+    def submit(self, *arguments):
+        if len(self.jobs) < 2:
+            self.jobs.append(super().submit(*arguments))
+            return self.jobs[-1]
+        wait(self.jobs)
+        lost = Future()
+        lost.set_exception(SchedulerLostError())
+        return lost
+
+
+def test_what_is_stored_stays_where_the_scheduler_is_lost(tmp_path, monkeypatch, undisturbed):
+    (tmp_path / "corners.yaml").write_text(LONG)
+    monkeypatch.setattr("nhpocp.study.cluster.DaskExecutor", lambda *_: Lost())
+    status, out, errors = ran("sweep", "corners.yaml", "--dask", "tcp://h:1", "-o", "out", cwd=tmp_path)
+    assert status == 1
+    stored = count(tmp_path / "out" / "study.sqlite")
+    assert 0 < stored < 24
+    words = (
+        f"stopped since Dask's scheduler was lost; {stored} of 24 runs are stored, --resume runs the others"
+    )
+    assert errors == f"{words}\n"
+    assert "report.html" in out
 
 
 def test_what_is_missing_is_said_before_a_store_is_made(tmp_path, monkeypatch):

@@ -294,7 +294,7 @@ def test_from_python(tmp_path, monkeypatch, undisturbed):
     (tmp_path / "corners.yaml").write_text(LONG)
     monkeypatch.chdir(tmp_path)
     tally = nhpocp.sweep("corners.yaml", workers=1, make=here)
-    assert (tally.runs, tally.converged, tally.failed, tally.stopped) == (24, 24, 0, False)
+    assert (tally.runs, tally.converged, tally.failed, tally.stopped) == (24, 24, 0, "")
     alike(rows(tmp_path / "results" / "corners" / "study.sqlite"), undisturbed)
     with pytest.raises(InvalidProblemError, match="this store exists"):
         nhpocp.sweep("corners.yaml")
