@@ -27,6 +27,15 @@ NEAR_LENGTH, NEAR_ANGLE = 5.0, np.radians(30)  # at most, of a coordinate beside
 NEAR = [(i,) for i in range(6)] * 3 + list(combinations(range(6), 2)) + [tuple(range(6))] * 17
 RADIUS, HEIGHT, TILT, YAW = 8.0, (18.0, 40.0), np.radians(30), np.radians((-120, 20))
 
+BASE, PLATFORM, TILTS = (10.0, 40.0), (4.0, 20.0), np.radians((40, 90))  # of random robots
+START_HEIGHT, START_YAW, LOWEST = (15.0, 40.0), np.radians(60), 5.0
+WALK, WALK_LENGTH, WALK_ANGLE, WALK_REACH = (
+    300,
+    0.5,
+    0.06,
+    25.0,
+)  # steps, their sizes, and how far from the axis
+
 ROBOTS: dict[str, dict[str, Any]] = {name: {"preset": name} for name in ThreeUPU.presets} | {
     "hostile": {
         "base_radius": 10.0,
@@ -107,3 +116,53 @@ def near_goal(problem: PlanningProblem, number: int) -> Mapping[str, Any]:
         determinants = numeric.determinants(np.stack([problem.start_point, point]))
         if all(there * here > 0 for here, there in determinants.values()):
             return goal
+
+
+def random_robot_task(seed: int) -> PlanningProblem:
+    """A robot at random on a start that is clear of its singular surfaces; the goal is the start."""
+    random = np.random.default_rng([seed, 0])
+    while True:
+        tilt = random.uniform(*TILTS) * random.choice([-1.0, 1.0])
+        system = ThreeUPU(
+            base_radius=random.uniform(*BASE),
+            platform_radius=random.uniform(*PLATFORM),
+            roller_tilt=tilt,
+            platform_axis=str(random.choice(["radial", "tangential", "normal"])),
+            joint=str(random.choice(["veselova", "suslov"])),
+        )
+        height, yaw = random.uniform(*START_HEIGHT), random.uniform(-START_YAW, START_YAW)
+        start = {
+            "position": np.array([0.0, 0.0, height]),
+            "orientation": so3.from_rpy(np.array([0.0, 0.0, yaw])),
+        }
+        if _clear(system, np.asarray(system.state_space.pack(start))) is not None:
+            return PlanningProblem(
+                system=system, start=start, goal=start, pictures=False, name=f"robot-{seed}"
+            )
+
+
+def walked_goal(problem: PlanningProblem, seed: int) -> Mapping[str, Any]:
+    """The end of a random walk of the pose from the start, which stays clear and on the start's side."""
+    random, space = np.random.default_rng([seed, 1]), problem.system.state_space
+    here = problem.start_point
+    signs = _clear(problem.system, here)
+    sizes = np.array([WALK_LENGTH] * 3 + [WALK_ANGLE] * 3)
+    velocity = random.normal(size=6)
+    for _ in range(WALK):
+        velocity = 0.95 * velocity + 0.31 * random.normal(size=6)
+        there = np.asarray(space.retract(here, sizes * velocity))
+        position = space.unpack(there)["position"]
+        inside = position[2] > LOWEST and np.abs(position[:2]).max() < WALK_REACH
+        if inside and _clear(problem.system, there) == signs:
+            here = space.nearest(there)
+        else:
+            velocity = random.normal(size=6)
+    return space.unpack(here)
+
+
+def _clear(system: ThreeUPU, pose: Any) -> tuple[bool, ...] | None:
+    """The signs of the determinants where a pose is clear of their zeros."""
+    margins = numeric_system(system).margins(pose[None], CLEAR_LENGTH)
+    if not all(margins[name][0] >= least for name, least in CLEAR.items()):
+        return None
+    return tuple(bool(margins[name][0] > 0) for name in ("det_s", "det_w"))

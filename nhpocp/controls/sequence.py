@@ -35,8 +35,8 @@ class SequenceBasis(ControlBasis):
             words = f"{len(self.bases)} bases and {len(self.shares)} shares; expected as many, at least one"
             raise InvalidProblemError(words, path="SequenceBasis")
 
-    @property
-    def size(self) -> int:
+    @cached_property
+    def size(self) -> int:  # type: ignore[override]
         return sum(basis.size for basis in self.bases)
 
     @property
@@ -45,7 +45,11 @@ class SequenceBasis(ControlBasis):
 
     def knots(self, horizon: float) -> Array:
         """Where the pieces begin and end, pieces + 1 times."""
-        return horizon * np.array([0.0, *accumulate(self.shares[:-1]), 1.0])
+        return horizon * self._ends
+
+    @cached_property
+    def _ends(self) -> Array:
+        return np.array([0.0, *accumulate(self.shares[:-1]), 1.0])
 
     def values(self, time: Array, horizon: float) -> Array:
         xp, knots = namespace(time), self.knots(horizon)
@@ -63,7 +67,7 @@ class SequenceBasis(ControlBasis):
         times, place, knots = self._placed(times, horizon, side)
         width = self._width
         values, columns = np.zeros((len(times), width)), np.zeros(len(times), dtype=int)
-        for i in np.unique(place):
+        for i in np.unique(place) if len(place) > 1 else place:
             mine = place == i
             table = self.bases[i].local_table(times[mine] - knots[i], knots[i + 1] - knots[i], side)
             own = self._firsts[i] + (0 if table.first is None else table.first)
@@ -88,7 +92,7 @@ class SequenceBasis(ControlBasis):
         nearest = knots[np.abs(times[:, None] - knots).argmin(axis=1)]
         times = np.where(np.abs(times - nearest) < 1e-9 * horizon, nearest, times)
         place = np.searchsorted(knots, times, side="right" if side == "right" else "left") - 1
-        return times, np.clip(place, 0, len(self.bases) - 1), knots
+        return times, np.maximum(np.minimum(place, len(self.bases) - 1), 0), knots
 
     def derivative_table(self, times: Array, horizon: float, side: Side = "right") -> Array:
         return self._by_piece(

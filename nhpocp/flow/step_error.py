@@ -26,6 +26,7 @@ FEWEST, ENOUGH = 5.0, 10.0  # steps for each period of the fastest function of a
 FINER = 4
 MOST = 100_000  # steps: no integrator takes more
 DOUBLINGS = 4
+RUN_AWAY = 2  # of them, after which a path that is not finite is taken for one that has no end
 CLOSE = 1e-7  # between the ends of a path and of the same with half the steps, over the state's scales
 ALLOWED = 0.1  # of the tolerance on E: the error of integration that a plan may carry
 
@@ -67,7 +68,11 @@ def settled_path(
         flow = RungeKutta4().flow(rate, control.basis, control.horizon, times)
         path = flow.states(start, control.coefficients)
         end = path[-1] / problem.scales.points
-        if not np.isfinite(path).all() or np.abs(end - last).max() < CLOSE * (1.0 + np.abs(end).max()):
+        if not np.isfinite(path).all():
+            if doubling == RUN_AWAY:
+                break
+            continue
+        if np.abs(end - last).max() < CLOSE * (1.0 + np.abs(end).max()):
             break
         last = end
     return times, path

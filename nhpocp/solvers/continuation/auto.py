@@ -10,31 +10,32 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from nhpocp.arrays import Array
+from nhpocp import declared
 from nhpocp.constructed import Constructed
 from nhpocp.controls.control import Control
 from nhpocp.controls.sequence import join, retimed
-from nhpocp.declared import whole_number
+from nhpocp.declared import check, whole_number
 from nhpocp.deferred import Deferred
-from nhpocp.errors import OrientationAtPiError, expect
+from nhpocp.errors import expect
 from nhpocp.flow.integrators import RungeKutta4
-from nhpocp.horizon import Horizon
 from nhpocp.interruption import STOPPED, Interruption
 from nhpocp.objectives.registry import OBJECTIVES
 from nhpocp.outcome import Outcome
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Progress, Solution, telling
-from nhpocp.solvers.continuation.confirmation import begun_from, confirmed, end_of
+from nhpocp.solvers.continuation.confirmation import begun_from, confirmed
 from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.continuation_result import ContinuationResult
 from nhpocp.solvers.continuation.ending import Ending
+from nhpocp.solvers.continuation.geodesic import Geodesic
 from nhpocp.solvers.continuation.initial_control import drawn
+from nhpocp.solvers.continuation.route_manoeuvres import RouteManoeuvres
+from nhpocp.solvers.continuation.settings import ROUTE, ROUTE_SECONDS, ROUTES
 from nhpocp.solvers.continuation.step_rules import Adaptive
+from nhpocp.solvers.route.find_route import find_route, lacking
 
-PIECES = 32  # at most
-SEEDS = 8  # per manoeuvre
 EVALUATIONS = 25  # per try: starts that lead to the goal need 5 to 20
-HALVINGS = 6  # of a part of the geodesic
+SHORTEST = 0.3  # of the mean duration: shorter ones would ask for many steps of all
 STEPS_PER_PIECE = 0.4  # of the steps of a whole plan, for the shortest manoeuvre of a sequence
 SAME = 0.01  # of a violation: how far two may be apart that count as one
 BUDGET = 3000  # evaluations, after which no new try begins
@@ -43,6 +44,7 @@ WIDTHS = (1.0, 0.5, 2.0)  # of the seeded among them, in turn
 AGREEING = 6  # starts that lead to the least cost so far: others are hardly worth the work
 ALIKE = 5e-3  # relative, of two costs
 NOTHING = 1e-6  # of the objective's unit: less is not worth a search
+ATTEMPTS = 2  # along a route, with other seeds
 FURTHER = 2  # times the restarts: seeded starts that are tried where all else failed
 
 
@@ -51,23 +53,29 @@ class Auto(Constructed):
     """Solver: the adaptive continuation, and what else may reach the goal, in this order.
 
     1. From the problem's own start (a seeded one if that has no full rank). 2. From ``restarts`` seeded starts.
-    3. Manoeuvres: the geodesic from start to goal in pieces, each planned from small seeded controls, joined into one
-    control of basis `sequence`. (7) is driftless and, where S is regular and the growth vector is (3, 6), locally
-    controllable, so every path clear of the singularities can be followed so; systems with drift go without. 4. The
-    goal walked along the geodesic from the pose that the best of the starts reaches. 5. That start again, beyond the
-    few evaluations that every try has been given until then.
+    3. Manoeuvres: a route of poses from start to goal (`find_route`) in pieces, each planned from small seeded
+    controls, joined into one control of basis `sequence`. (7) is driftless and, where S is regular and the growth
+    vector is (3, 6), locally controllable, so every path clear of the singularities can be followed so; systems with
+    drift go without. Without a route, the geodesic takes its place. 4. The goal walked along the geodesic from the
+    pose that the best of the starts reaches. 5. That start again, beyond the few evaluations that every try has been
+    given until then.
 
     The search for least cost (`Continuation.objective`) ends in the valley where it begins, and few of them are deep:
     it follows on the first way that reaches the goal, and again from seeded starts until six agree on the least.
-    continuation: the method that every try is made with. restarts: seeded starts.
-    Errors: `InvalidProblemError` for restarts that are no whole number, `CallError` for another method.
+    continuation: the method that every try is made with. restarts: seeded starts. route: "auto", or "always" first of
+    all, or "never". route_seconds: how long one is looked for, at most.
+    Errors: `InvalidProblemError` for restarts that are no whole number, `CallError` for another method;
+    `MissingDependencyError` where a route is wanted always and OMPL is not installed.
     """
 
     continuation: Continuation = field(default_factory=lambda: Continuation(step_rule=Adaptive()))
     restarts: int = 4
+    route: str = declared.choice("auto", ROUTES, ROUTE)
+    route_seconds: float = declared.positive(10.0, ROUTE_SECONDS)
     name: ClassVar[str] = "jacobian"
 
     def __post_init__(self) -> None:
+        check(self)
         expect(self.continuation, Continuation, "a Continuation", "Auto.continuation")
         whole_number(self.restarts, "Auto.restarts")
 
@@ -76,7 +84,8 @@ class Auto(Constructed):
         return self.continuation.tolerance
 
     def settings(self) -> dict[str, Any]:
-        return {**self.continuation.settings(), "step_rule": "auto"}
+        routes = {"route": self.route, "route_seconds": self.route_seconds}
+        return {**self.continuation.settings(), "step_rule": "auto", **routes}
 
     def solve(self, problem: PlanningProblem, progress: Progress | None = None) -> Solution:
         with Interruption():  # also between the tries; the next one stops at once
@@ -88,6 +97,9 @@ class _Search:
 
     def __init__(self, solver: Auto, problem: PlanningProblem, progress: Progress | None) -> None:
         self.base, self.restarts = solver.continuation, solver.restarts
+        self.route, self.route_seconds = solver.route, solver.route_seconds
+        self.followed = False  # a route
+        self.no_route = ""  # what is known of none, in words
         self.problem, self.space, self.progress = problem, problem.system.state_space, progress
         self.records: list[Deferred] = []
         self.tried: list[dict[str, Any]] = []
@@ -106,12 +118,12 @@ class _Search:
         try:
             for way, result in self._ways():
                 ended.append(result)
-                self._note(way, result.outcome.value, result.error)
+                self.note(way, result.outcome.value, result.error)
                 if result.outcome in (Outcome.CONVERGED, Outcome.INTERRUPTED):
                     break
         except KeyboardInterrupt:
             stopped = True
-        last = ended[-1]
+        last = ended[-1] if ended else self.attempt(self.problem, 0)  # which stops at once
         best = last if last.outcome is Outcome.CONVERGED else min(ended, key=_nearness)
         outcome, message = self._ending(best, stopped or last.outcome is Outcome.INTERRUPTED)
         best = replace(best, outcome=outcome, message=message)
@@ -140,7 +152,7 @@ class _Search:
                 return replace(
                     least, outcome=Outcome.INTERRUPTED, message=f"{STOPPED}; best so far: {least.message}"
                 )
-            self._note(self.way, plan.outcome.value, plan.error)
+            self.note(self.way, plan.outcome.value, plan.error)
             if plan.outcome is Outcome.CONVERGED and "objective_value" in plan.details:
                 plans.append(self._numbered(plan))
         least = min(plans, key=_cost)
@@ -157,7 +169,7 @@ class _Search:
         """What a seeded start leads to, the search for least cost included. Errors: Ctrl-C's."""
         random = np.random.default_rng([self.base.seed, start])
         initial = drawn(self.problem, random, WIDTHS[start % len(WIDTHS)])
-        plan = self._try(replace(self.problem, initial=initial), start)
+        plan = self.attempt(replace(self.problem, initial=initial), start)
         if plan.outcome is Outcome.CONVERGED:
             plan = self._finished(plan, self.base)
         if plan.outcome is Outcome.INTERRUPTED:
@@ -175,16 +187,22 @@ class _Search:
         if best.outcome is Outcome.CONSTRAINT_VIOLATED:
             return Ending(best.outcome, f"{best.message}; {ways} ways were tried")
         given_up = f"Given up after {len(self.records)} evaluations. " if self.given_up else ""
+        no_route = f" {self.no_route[:1].upper()}{self.no_route[1:]}." if self.no_route else ""
         each = "; ".join(f"{way['way']}: {way['outcome']} (E = {way['error']:.3g})" for way in self.tried)
-        return Ending(Outcome.NOT_REACHED, f"Nothing that was tried reached the goal. {given_up}{each}")
+        return Ending(
+            Outcome.NOT_REACHED, f"Nothing that was tried reached the goal.{no_route} {given_up}{each}"
+        )
 
-    def _note(self, way: str, outcome: str, error: float) -> None:
+    def note(self, way: str, outcome: str, error: float) -> None:
+        """A way that has ended, and what was evaluated on it."""
         evaluations = len(self.records) - sum(entry["evaluations"] for entry in self.tried)
         self.tried.append({"way": way, "outcome": outcome, "error": error, "evaluations": evaluations})
 
     def _ways(self) -> Iterator[tuple[str, ContinuationResult]]:
         """Every way in order, each tried when it is asked for."""
         problem, starts = self.problem, []
+        if self.route == "always":
+            yield from self._along_a_route()
         for way, result in self._starts(range(1 + self.restarts)):
             starts.append(result)
             yield way, self._remembered(self._finished(result, self.base))
@@ -194,16 +212,19 @@ class _Search:
                 break
         if self.given_up:
             return
+        if self.route == "auto":
+            yield from self._along_a_route()
+        geodesic = Geodesic(self)
         # a drift moves the pose between manoeuvres, and forbids them another time than the one they were planned for
-        joined = self._manoeuvres() if problem.system.driftless else None
-        if joined is not None:
-            yield f"{len(joined.control.basis.bases)} manoeuvres in sequence", joined  # type: ignore[attr-defined]
+        controls = geodesic.manoeuvres() if problem.system.driftless and not self.followed else None
+        if controls is not None:
+            yield f"{len(controls)} manoeuvres in sequence", self._joined(controls)
         if self._hopeless():
             return
         nearest = min(starts, key=lambda result: result.rank)
-        walked = self._walk(nearest)
+        walked = geodesic.walk(nearest)
         if walked is not None:
-            yield "walking the goal", walked
+            yield "walking the goal", self._finished(walked, self.base)
         for way, result in self._starts(range(1 + self.restarts, 1 + (1 + FURTHER) * self.restarts)):
             yield way, self._remembered(self._finished(result, self.base))
             if self._hopeless():
@@ -216,16 +237,51 @@ class _Search:
             )
             yield self.way, self._finished(longer, self.base)
 
+    def _along_a_route(self) -> Iterator[tuple[str, ContinuationResult]]:
+        """Manoeuvres along a route of poses, where there is one; what is known of none is kept for the ending."""
+        if lacking(self.problem):
+            return
+        self.way = "looking for a route"
+        self._tell()
+        with Interruption() as interruption:
+            required = self.route == "always"
+            found = find_route(
+                self.problem, self.route_seconds, self.base.seed, lambda: interruption.noted, required
+            )
+            interruption.check()
+        if found.route is None or found.checks is None:
+            self.no_route = found.words
+            return
+        self.followed = True
+        for attempt in range(ATTEMPTS):
+            manoeuvres = RouteManoeuvres(
+                self.problem, self.base, found.route, found.checks, self.base.seed + attempt
+            )
+            for fraction in manoeuvres.walk():
+                self.way = f"manoeuvres along a route, {fraction:.0%} of it"
+                self._tell()
+            controls = manoeuvres.controls
+            if manoeuvres.arrived:
+                yield f"{len(controls)} manoeuvres along a route", self._joined(controls)
+                continue
+            part = manoeuvres.walked / found.route.length
+            way = f"manoeuvres along a route, stuck after {len(controls)} at {part:.0%} of it"
+            self.note(way, "stagnated", self.problem.goal_error(manoeuvres.here))
+
+    def _tell(self) -> None:
+        if self.progress is not None:
+            self.progress({"k": None, "error": None, "stage": self.way})
+
     def _starts(self, numbers: range) -> Iterator[tuple[str, ContinuationResult]]:
         """Where these starts lead, 0 being the problem's own."""
         own = "the given start" if self.problem.initial is not None else "a seeded start"
         for start in numbers:
-            if not self._may_try():
+            if not self.may_try():
                 return
             tried = self.problem if start == 0 else replace(self.problem, initial=None)
             way = own if start == 0 else f"seeded start {start}"
             self.way = own if start == 0 else f"{way} of {numbers[-1]}"
-            yield way, self._try(tried, start)
+            yield way, self.attempt(tried, start)
 
     def _remembered(self, result: ContinuationResult) -> ContinuationResult:
         """Itself; the least violation of the bounds near its control is kept, if the search came to rest there."""
@@ -254,12 +310,12 @@ class _Search:
         self.records += [record | {"attempt": attempt} for record in result.records]
         return result
 
-    def _may_try(self) -> bool:
+    def may_try(self) -> bool:
         """Whether there are evaluations for another try; what has begun well is finished without."""
         self.given_up = len(self.records) > BUDGET
         return not self.given_up
 
-    def _try(self, problem: PlanningProblem, seed: int) -> ContinuationResult:
+    def attempt(self, problem: PlanningProblem, seed: int) -> ContinuationResult:
         """The continuation to the goal alone, given up soon; converged only if confirmed."""
         limit = min(self.base.max_iterations, EVALUATIONS)
         solver = replace(self.base, objective="none", max_iterations=limit, seed=self.base.seed + seed)
@@ -289,58 +345,14 @@ class _Search:
             first, message=f"{first.message}; finer steps refuted the search for less {solver.objective}"
         )
 
-    def _manoeuvres(self) -> ContinuationResult | None:
-        """One plan after another along the geodesic to the goal, each as far as it succeeds; None if one gets stuck.
-
-        A plan that fails is tried again for half of the way. Manoeuvre i would cost E_i in unit time; it gets
-        √E_i / Σ √E of the horizon, with which the whole costs (Σ √E)²/T, the least of all divisions.
-        """
-        here, step = self.problem.start_point, 0.5
-        controls: list[Control] = []
-        while step > 0.5**HALVINGS and len(controls) < PIECES:
-            goal = self.problem.goal if step == 1.0 else self._between(here, step)
-            if goal is None:
-                return None
-            start = self.space.unpack(here)
-            part = replace(self.problem, start=start, goal=goal, horizon=Horizon(1.0), via=())
-            self.way = f"manoeuvre {len(controls) + 1}, over {step:.3g} of what is left"
-            control = self._piece(part, step**0.5)
-            if self.given_up:
-                return None
-            if control is None:
-                step *= 0.5
-                continue
-            controls.append(control)
-            if step == 1.0:
-                return self._joined(controls)
-            here, step = end_of(part, control, self.base.integrator), min(1.0, 2.0 * step)
-        self._note(
-            f"manoeuvres in sequence, stuck after {len(controls)}", "stagnated", self.problem.goal_error(here)
-        )
-        return None
-
-    def _piece(self, part: PlanningProblem, size: float) -> Control | None:
-        """One manoeuvre: the shorter of the first two plans that seeded starts lead to.
-
-        A loop of size s moves a driftless system by s² along its brackets, so the starts shrink like √distance.
-        """
-        plans: list[Control] = []
-        for seed in range(SEEDS):
-            if not self._may_try():
-                break
-            random = np.random.default_rng(self.base.seed + seed)
-            tried = self._try(replace(part, initial=drawn(part, random, size)), seed)
-            if tried.outcome is Outcome.INTERRUPTED:
-                raise KeyboardInterrupt
-            if tried.outcome is Outcome.CONVERGED:
-                plans.append(tried.control)
-            if len(plans) == 2:
-                break
-        return min(plans, key=lambda control: control.effort, default=None)
-
     def _joined(self, controls: list[Control]) -> ContinuationResult:
-        """The manoeuvres as one control over the problem's horizon, corrected as one."""
+        """Manoeuvres as one control over the problem's horizon, corrected as one.
+
+        Manoeuvre i would cost E_i in unit time; it gets √E_i / Σ √E of the horizon, with which the whole costs
+        (Σ √E)²/T, the least of all divisions.
+        """
         weights = np.sqrt([control.effort for control in controls])
+        weights = np.maximum(weights, SHORTEST * weights.mean())
         durations = self.problem.horizon.fixed * weights / weights.sum()
         joined = join([retimed(control, time) for control, time in zip(controls, durations, strict=True)])
         integrator = self.base.integrator
@@ -351,41 +363,6 @@ class _Search:
         whole = replace(begun_from(self.problem, joined), bounds=())
         self.way = f"{len(controls)} manoeuvres as one"
         return self._finished(self._solve(replace(solver, objective="none"), whole), solver)
-
-    def _walk(self, nearest: ContinuationResult) -> ContinuationResult | None:
-        """Goal continuation: from the pose that a start reaches to the goal, in steps that succeed."""
-        problem = self.problem
-        here = end_of(problem, nearest.control, self.base.integrator)
-        coefficients, walked, step = np.array(nearest.control.coefficients), 0.0, 0.5
-        while np.isfinite(here).all() and walked < 1.0 and step > 0.5**HALVINGS:
-            if not self._may_try():
-                return None
-            towards = min(1.0, walked + step)
-            self.way = f"walking the goal, at {towards:.3g} of the way"
-            goal = problem.goal if towards == 1.0 else self._between(here, towards)
-            if goal is None:
-                return None
-            result = self._try(replace(problem, goal=goal, initial=coefficients), 0)
-            if result.outcome is Outcome.INTERRUPTED:
-                raise KeyboardInterrupt
-            if result.outcome is Outcome.CONVERGED:
-                coefficients, walked, step = np.array(result.control.coefficients), towards, 1.5 * step
-            else:
-                step *= 0.5
-        if not self._may_try():
-            return None
-        return self._finished(self._try(replace(problem, initial=coefficients), 0), self.base)
-
-    def _between(self, here: Array, fraction: float) -> dict[str, Array] | None:
-        """The goal's blocks part of the geodesic to it; None where it has two (a half turn) or names outputs."""
-        if not set(self.problem.goal) <= set(self.space.names):
-            return None
-        try:
-            tangent = self.space.difference(self.problem.goal_point, here)
-        except OrientationAtPiError:
-            return None
-        there = self.space.unpack(np.asarray(self.space.retract(here, fraction * tangent)))
-        return {name: there[name] for name in self.problem.goal}
 
 
 def _nearness(result: ContinuationResult) -> tuple[bool, float]:

@@ -8,6 +8,7 @@ from inspect import signature
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from nhpocp import declared
+from nhpocp.errors import InvalidProblemError
 from nhpocp.family import Family, Group
 from nhpocp.objectives.registry import costs_of_motion
 from nhpocp.solvers.settings import SolverSettings
@@ -55,6 +56,9 @@ SENSITIVITIES: Family[Any] = Family(
         "variational": "nhpocp.flow.end_point_map:VariationalEndPointMap",
     }
 )
+ROUTES = ("auto", "always", "never")
+ROUTE = "whether step_rule auto makes manoeuvres along a route of poses: after its quick ways, before them, or not"
+ROUTE_SECONDS = "how long a route is looked for, at most"
 
 
 @dataclass(frozen=True)
@@ -91,6 +95,8 @@ class JacobianSettings(SolverSettings):
     )
     starts: int = declared.count(1, "tries: the file's control, then seeded ones")
     seed: int = declared.whole(0, "of everything random")
+    route: str = declared.choice("auto", ROUTES, ROUTE)
+    route_seconds: float = declared.positive(10.0, ROUTE_SECONDS)
 
     meaning: ClassVar[str] = "the Jacobian method"
 
@@ -113,5 +119,9 @@ class JacobianSettings(SolverSettings):
             seed=self.seed,
         )
         if self.step_rule == "auto":
-            return Auto(solver, restarts=max(Auto.restarts, self.starts - 1))
+            restarts = max(Auto.restarts, self.starts - 1)
+            return Auto(solver, restarts, self.route, self.route_seconds)
+        if self.route == "always":
+            words = "`route: always` needs `step_rule: auto`; the other rules follow no routes"
+            raise InvalidProblemError(words, path="solvers.jacobian.route")
         return MultiStart(solver, self.starts) if self.starts > 1 else solver

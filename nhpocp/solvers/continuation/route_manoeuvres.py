@@ -1,0 +1,106 @@
+"""Manoeuvres along a route: of many seeded ones, tried side by side, the one that leads farthest and stays clear."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from nhpocp.arrays import Array
+from nhpocp.controls.control import Control
+from nhpocp.flow.end_point_map import flow_through
+from nhpocp.flow.integrators import RungeKutta4
+from nhpocp.flow.step_error import finer, resolving
+from nhpocp.horizon import Horizon
+from nhpocp.interruption import Interruption
+from nhpocp.problem import PlanningProblem
+from nhpocp.solvers.budget import Budget
+from nhpocp.solvers.continuation.continuation import Continuation
+from nhpocp.solvers.continuation.generalized_inverses import MoorePenrose
+from nhpocp.solvers.continuation.initial_control import drawn
+from nhpocp.solvers.continuation.lockstep_search import Lockstep, Method
+from nhpocp.solvers.continuation.step_rules import Adaptive
+from nhpocp.solvers.route.pose_checks import PoseChecks
+from nhpocp.solvers.route.route import Route
+
+SEEDS = 32
+WIDTHS = (0.1, 0.3, 0.7, 1.2)  # in turn, with which the controls are drawn
+EVALUATIONS = 30  # of each
+STEPS = 40  # of a manoeuvre's integration
+LEAST = 0.001  # length, in units of the problem's scales, that is tried last
+PIECES = 200  # at most
+LONGER = 2.0  # times what has been reached, tried next
+
+
+class RouteManoeuvres:
+    """Controls that lead along a route, one after another.
+
+    A loop of size s moves a driftless system by s² along its brackets, so that short parts of a route are followed by
+    manoeuvres that stray from it like √length: where those leave what `PoseChecks` allow, shorter ones are tried.
+    [Laumond, ch. 1]
+    """
+
+    def __init__(
+        self, problem: PlanningProblem, solver: Continuation, route: Route, checks: PoseChecks, seed: int
+    ) -> None:
+        """checks: what the manoeuvres' poses have to meet. seed: of the controls that are tried."""
+        self.problem, self.route, self.checks = problem, route, checks
+        self.controls: list[Control] = []
+        self.walked = 0.0  # of the route
+        self.here = problem.start_point
+        own = solver.integrator
+        kept = own if isinstance(own, RungeKutta4) else RungeKutta4()
+        integrator = resolving(replace(kept, steps=STEPS), problem.basis)
+        self._solver = replace(solver, integrator=integrator, objective="none")
+        self._random = np.random.default_rng(seed)
+        self._flow = flow_through(problem.system, problem.basis, 1.0, finer(integrator), ())
+
+    @property
+    def arrived(self) -> bool:
+        """Whether the controls lead to the end of the route."""
+        return self.walked >= self.route.length
+
+    def walk(self) -> Iterator[float]:
+        """Adds controls of unit time, one after another, until they have arrived or none leads on.
+
+        Yields the part of the route that is walked. Errors: Ctrl-C's.
+        """
+        step = self.route.length
+        with Interruption() as interruption, np.errstate(all="ignore"):
+            while step > LEAST and len(self.controls) < PIECES and not self.arrived:
+                yield self.walked / self.route.length
+                reach = min(self.route.length, self.walked + step)
+                control = self._manoeuvre(reach, interruption)
+                if control is None:
+                    step *= 0.5
+                    continue
+                self.controls.append(control)
+                step = LONGER * (reach - self.walked)
+                self.walked = reach
+
+    def _manoeuvre(self, reach: float, interruption: Interruption) -> Control | None:
+        """One that leads to that much of the route and stays clear, of those that cost least; `here` is where it ends."""
+        part = replace(
+            self.problem,
+            start=self._values(self.here),
+            goal=self._values(self.route.at(reach)),
+            horizon=Horizon(1.0),
+            via=(),
+            bounds=(),
+            initial=None,
+        )
+        starts = [drawn(part, self._random, WIDTHS[seed % len(WIDTHS)]) for seed in range(SEEDS)]
+        search = Lockstep(Method(self._solver, Adaptive(), MoorePenrose()), [part] * SEEDS, interruption)
+        plans = search.plans(Budget(EVALUATIONS), np.array(starts)).values()
+        for control in sorted(
+            (Control(part.basis, plan.coefficients) for plan in plans), key=lambda control: control.effort
+        ):
+            path = self._flow.states(self.here, control.coefficients)
+            if np.isfinite(path).all() and self.checks.valid(path):
+                self.here = self.problem.system.state_space.nearest(path[-1])
+                return control
+        return None
+
+    def _values(self, pose: Array) -> dict[str, Array]:
+        return self.problem.system.state_space.unpack(pose)

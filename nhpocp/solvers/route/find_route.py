@@ -1,0 +1,117 @@
+"""The door of this room: a route for a problem, with as much clearance as is to be had, or what is known of none."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from time import monotonic
+
+import numpy as np
+
+from nhpocp.arrays import Array
+from nhpocp.problem import PlanningProblem
+from nhpocp.solvers.route.pose_checks import PoseChecks, least_margins, pose_checks
+from nhpocp.solvers.route.route import Poses, Route
+from nhpocp.solvers.route.rrt_connect import MISSING, Trees, grown, installed
+
+# of σ_min at start or goal, asked for along a route, one after the other, with the share of the time for each
+CLEARANCES = {0.5: 0.15, 0.2: 0.25, 0.05: 0.3, 0.01: 0.3}
+STRAIGHT = (0.5, 0.2)  # a straight motion with that clearance needs no search
+KEPT = 0.2  # of a route's clearance, by manoeuvres along it
+
+
+@dataclass(frozen=True)
+class RouteSearch:
+    """How the search for a route ended.
+
+    route: None where none was found; words: what is known then. checks: what the poses of manoeuvres along it have to
+    meet.
+    """
+
+    route: Route | None = None
+    checks: PoseChecks | None = None
+    words: str = ""
+
+
+def lacking(problem: PlanningProblem) -> str:
+    """Why manoeuvres along routes are not for a problem, in words; empty where they are."""
+    if not problem.system.driftless:
+        return "with a drift a motion cannot follow any route"
+    if problem.via:
+        return "via poses are met at given times"
+    if not set(problem.goal) <= set(problem.system.state_space.names):
+        return "the goal names outputs, which many poses have"
+    if problem.system.invariants(problem.start_point):
+        return "its joints hold what routes would change"
+    return ""
+
+
+def find_route(
+    problem: PlanningProblem,
+    seconds: float,
+    seed: int,
+    stopped: Callable[[], bool] = lambda: False,
+    required: bool = False,
+) -> RouteSearch:
+    """A route from start to goal, of which free blocks keep the start's value.
+
+    A straight one if that is clear of everything; else the first on which trees meet, asked for much clearance first.
+    seconds: at most. stopped: asked often, whether to give up. Errors: `MissingDependencyError` where OMPL, needed for
+    any but straight routes, is ``required`` and not installed.
+    """
+    ends, words, began = np.stack([problem.start_point, problem.goal_point]), "", monotonic()
+    for clearance in STRAIGHT:
+        poses = _poses(problem, clearance)
+        if poses.free(*ends):
+            return _found(problem, Route(ends, poses), clearance)
+    if not required and not installed():
+        return RouteSearch(words=f"around what is in the way of the straight motion, {MISSING}")
+    for clearance, share in CLEARANCES.items():
+        poses = _poses(problem, clearance)
+        trees = grown(problem, poses, share * seconds, seed, stopped)
+        if trees.waypoints is not None:
+            route = Route(trees.waypoints, poses).shortened(np.random.default_rng(seed))
+            return _found(problem, route, clearance)
+        words = _growth(problem, poses, trees, monotonic() - began)
+        if stopped():
+            break
+    return RouteSearch(words=words)
+
+
+def _poses(problem: PlanningProblem, clearance: float) -> Poses:
+    return Poses(problem, pose_checks(problem, least_margins(problem, clearance)))
+
+
+def _found(problem: PlanningProblem, route: Route, clearance: float) -> RouteSearch:
+    return RouteSearch(route, pose_checks(problem, least_margins(problem, KEPT * clearance)))
+
+
+def _growth(problem: PlanningProblem, poses: Poses, trees: Trees, seconds: float) -> str:
+    """How far the trees grew, and what refused most."""
+    nearest_to_goal = _nearest(poses, trees.start, problem.goal_point)
+    nearest_to_start = _nearest(poses, trees.goal, problem.start_point)
+    words = (
+        f"no route was found in {seconds:.2g} s: the tree from the start ({len(trees.start)} poses) came as near to "
+        f"the goal as {_apart(problem, poses, nearest_to_goal, problem.goal_point)}, that from the goal "
+        f"({len(trees.goal)} poses) as near to the start as "
+        f"{_apart(problem, poses, nearest_to_start, problem.start_point)}"
+    )
+    refusals = poses.checks.refusals
+    most = max(refusals, key=lambda name: refusals[name])
+    total = sum(refusals.values())
+    return f"{words}; most refused by {most} ({refusals[most]} of {total})" if total else words
+
+
+def _nearest(poses: Poses, tree: Array, target: Array) -> Array:
+    return min(tree, key=lambda pose: poses.tangent(target, pose)[1])
+
+
+def _apart(problem: PlanningProblem, poses: Poses, here: Array, there: Array) -> str:
+    """The distance of two poses in words."""
+    space, tangent = problem.system.state_space, poses.checks.difference(there, here)
+    parts = []
+    for block in space.blocks:
+        part = float(np.linalg.norm(tangent[space.tangent_slice(block.name)]))
+        angle = block.unit == "angle"
+        parts.append(f"{np.degrees(part):.3g} deg" if angle else f"{part:.3g}")
+    return " and ".join(parts)

@@ -1,0 +1,242 @@
+"""What makes a pose valid, put together from parts, each a number that is positive where the pose may be."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import accumulate, pairwise
+
+import casadi as ca
+import numpy as np
+
+from nhpocp.arrays import Array
+from nhpocp.calls import call, mapped
+from nhpocp.constraints.bound import Bound, in_shape
+from nhpocp.objectives.quantity import quantity
+from nhpocp.problem import PlanningProblem
+from nhpocp.singular_values import svd
+from nhpocp.systems.margins import det, sigma
+from nhpocp.systems.numeric import numeric_system
+from nhpocp.systems.system import System
+
+AT_ONCE = 64  # poses
+WITHIN = 5e-4  # of its size: by how much a bound may be passed, half of what verification forgives
+STEEP = 20.0  # times as fast as at start or goal: how fast unit inputs may move a system that has no margins
+
+
+class PoseCheck(ABC):
+    """One part of a pose's validity.
+
+    name: what is asked, in words. `expression` gives numbers of a pose as a symbolic column; `slack` what these say.
+    """
+
+    name: str
+
+    @abstractmethod
+    def expression(self, state: ca.SX) -> ca.SX:
+        """The numbers that it looks at, a column, of a packed symbolic pose."""
+
+    @abstractmethod
+    def slack(self, numbers: Array) -> Array:
+        """(k,) of the numbers (k, …) of k poses: positive where they may be, dimensionless, and of bounded slope."""
+
+
+@dataclass(frozen=True)
+class OnOneSide(PoseCheck):
+    """σ_min(M) ≥ least on the start's side of det M = 0.
+
+    σ_min with the sign of det M passes through zero as smoothly as the path does, where σ_min alone has a kink.
+    """
+
+    system: System
+    matrix: str
+    sign: float  # of det M at the start
+    least: float
+    length_scale: float
+
+    @property
+    def name(self) -> str:  # type: ignore[override]
+        least = f"{sigma(self.matrix).name} ≥ {self.least:.2g}"
+        return f"{least} on the start's side of det {det(self.matrix).letter} = 0"
+
+    def expression(self, state: ca.SX) -> ca.SX:
+        matrix = ca.SX(self.system.regularity(state)[self.matrix])
+        scales = self.system.column_scales(self.matrix, self.length_scale) or [1.0] * matrix.size2()
+        return ca.vec((matrix @ ca.diag(1.0 / ca.DM(scales))).T)
+
+    def slack(self, numbers: Array) -> Array:
+        size = int(np.sqrt(numbers.shape[1]))
+        matrices = numbers.reshape(-1, size, size)
+        finite = np.isfinite(matrices).all(axis=(1, 2))
+        matrices = np.where(finite[:, None, None], matrices, 0.0)
+        least = svd(matrices, compute_uv=False)[:, -1]
+        return np.where(finite, self.sign * np.sign(np.linalg.det(matrices)) * least, 0.0) - self.least
+
+
+@dataclass(frozen=True)
+class Within(PoseCheck):
+    """A bound on a quantity that the pose alone decides."""
+
+    system: System
+    bound: Bound
+
+    @property
+    def name(self) -> str:  # type: ignore[override]
+        return self.bound.label
+
+    def expression(self, state: ca.SX) -> ca.SX:
+        return ca.vec(self._value(state, ca.SX.zeros(self.system.input_space.size)).T)
+
+    def _value(self, state: ca.SX, control: ca.SX) -> ca.SX:
+        return ca.densify(ca.SX(quantity(self.system, self.bound.quantity, state, control)))
+
+    @cached_property
+    def applies(self) -> bool:
+        """Whether it is a quantity that no control changes."""
+        if self.bound.margin:
+            return False
+        state = ca.SX.sym("x", self.system.state_space.size)
+        control = ca.SX.sym("u", self.system.input_space.size)
+        return not ca.depends_on(self._value(state, control), control)
+
+    def slack(self, numbers: Array) -> Array:
+        room = np.full(numbers.shape, np.inf)
+        lower, upper, below, above = self._sides
+        room = np.where(np.isfinite(lower), (numbers - lower) / below, room)
+        room = np.where(np.isfinite(upper), np.minimum(room, (upper - numbers) / above), room)
+        return np.where(np.isfinite(numbers).all(axis=1), room.min(axis=1), -1.0) + WITHIN
+
+    @cached_property
+    def _sides(self) -> list[Array]:
+        """The limits and their sizes, one number a component."""
+        value = self._value(
+            ca.SX.sym("x", self.system.state_space.size), ca.SX.zeros(self.system.input_space.size)
+        )
+        shape = tuple(size for size in value.shape if size > 1)
+        sides = self.bound.lower, self.bound.upper, *self.bound.sizes
+        return [np.ravel(in_shape(side, shape)) for side in sides]
+
+
+@dataclass(frozen=True)
+class NotSteep(PoseCheck):
+    """Inputs of their natural size move the pose at most so fast, of a system without margins: a car, say."""
+
+    system: System
+    inputs: Array
+    states: Array  # the scales of both
+    most: float
+    name: str = "vector fields that do not run away"
+
+    def expression(self, state: ca.SX) -> ca.SX:
+        fields = ca.SX(self.system.vector_fields(state))
+        scaled = ca.diag(1.0 / ca.DM(self.states)) @ fields @ ca.diag(ca.DM(self.inputs))
+        return ca.sumsqr(scaled)
+
+    def slack(self, numbers: Array) -> Array:
+        with np.errstate(all="ignore"):
+            return np.where(np.isfinite(numbers[:, 0]), 1.0 - np.sqrt(numbers[:, 0]) / self.most, -1.0)
+
+
+class PoseChecks:
+    """All parts together, evaluated on many poses at a time. A pose is valid where every slack is positive."""
+
+    def __init__(self, system: System, checks: Sequence[PoseCheck]) -> None:
+        space = system.state_space
+        self.checks, self.system = tuple(checks), system
+        self.refusals = dict.fromkeys((check.name for check in checks), 0)
+        self.poses = 0  # looked at
+        a, tangent, s = ca.SX.sym("a", space.size), ca.SX.sym("delta", space.dimension), ca.SX.sym("s")
+        columns = [ca.densify(ca.SX(check.expression(a))) for check in checks]
+        edges = [0, *accumulate(column.numel() for column in columns)]
+        self._parts = [slice(*ends) for ends in pairwise(edges)]
+        numbers = ca.Function("numbers", [a], [ca.cse(ca.vertcat(ca.SX(0, 1), *columns))])
+        there = ca.densify(space.retract(a, s * tangent))
+        self._numbers = numbers
+        self._between = ca.Function("between", [a, tangent, s], [there])
+        b = ca.SX.sym("b", space.size)
+        self._difference = ca.Function("difference", [b, a], [ca.densify(space.difference(b, a))])
+
+    def slacks(self, poses: Array) -> Array:
+        """(k, checks) of poses (k, size)."""
+        self.poses += len(poses)
+        numbers = self._many(self._numbers, poses)
+        with np.errstate(all="ignore"):
+            return np.stack(
+                [c.slack(numbers[:, p]) for c, p in zip(self.checks, self._parts, strict=True)], axis=1
+            )
+
+    def valid(self, poses: Array) -> bool:
+        """Whether each of the poses (k, size) is; what refuses it is counted."""
+        return not len(self.checks) or not self.refuse(self.slacks(poses))
+
+    def difference(self, there: Array, here: Array) -> Array:
+        """The tangent (dimension,) from one pose to another; NaN for a half turn."""
+        return call(self._difference, there, here)[0].ravel()
+
+    def between(self, here: Array, tangent: Array, fractions: Array) -> Array:
+        """Poses (k, size) along a tangent from one of them."""
+        k = len(fractions)
+        return self._many(self._between, np.tile(here, (k, 1)), np.tile(tangent, (k, 1)), fractions[:, None])
+
+    def refuse(self, slacks: Array) -> bool:
+        """Whether one of the poses with these slacks (k, checks) is not valid; what says so is counted."""
+        worst = slacks.min(axis=0, initial=np.inf)
+        for check, least in zip(self.checks, worst, strict=True):
+            if not least > 0:
+                self.refusals[check.name] += 1
+        return not (worst > 0).all()
+
+    def _many(self, function: ca.Function, *arguments: Array) -> Array:
+        """A function of samples, few sizes of which are made."""
+        results = []
+        for first in range(0, len(arguments[0]), AT_ONCE):
+            parts = [rows[first : first + AT_ONCE] for rows in arguments]
+            size = len(parts[0])
+            lanes = np.arange(1 << (size - 1).bit_length())
+            padded = (rows.take(lanes, axis=0, mode="clip") for rows in parts)
+            results.append(call(mapped(function, len(lanes)), *padded)[0][:size])
+        return np.concatenate(results)
+
+
+def pose_checks(problem: PlanningProblem, least: dict[str, float]) -> PoseChecks:
+    """What the poses of a problem's motion have to meet.
+
+    least: σ_min of each separating matrix, which the problem's own bounds may raise.
+    """
+    system, start = problem.system, problem.start_point
+    numeric = numeric_system(system)
+    checks: list[PoseCheck] = []
+    determinants = numeric.determinants(start[None])
+    for name in system.separating():
+        sign = float(np.sign(determinants[name][0]))
+        checks.append(OnOneSide(system, name, sign, least[name], problem.scale))
+    if not checks:
+        checks.append(_not_steep(problem))
+    within = [Within(system, bound) for bound in problem.bounds]
+    return PoseChecks(system, [*checks, *(check for check in within if check.applies)])
+
+
+def least_margins(problem: PlanningProblem, fraction: float) -> dict[str, float]:
+    """Of each separating matrix that fraction of σ_min at start or goal, the lesser, and no less than is asked."""
+    system = problem.system
+    ends = np.stack([problem.start_point, problem.goal_point])
+    sigmas = numeric_system(system).sigmas(ends, problem.scale)
+    asked = {
+        name: max(
+            (float(np.max(b.lower)) for b in problem.bounds if b.quantity == sigma(name).name), default=0.0
+        )
+        for name in system.separating()
+    }
+    return {name: max(fraction * float(sigmas[name].min()), asked[name]) for name in system.separating()}
+
+
+def _not_steep(problem: PlanningProblem) -> NotSteep:
+    scales, system = problem.scales, problem.system
+    inputs, states = scales.inputs * scales.time, scales.states
+    fields = [
+        np.linalg.norm(np.asarray(system.vector_fields(x), dtype=float) * inputs / states[:, None])
+        for x in (problem.start_point, problem.goal_point)
+    ]
+    return NotSteep(system, inputs, states, STEEP * float(max(fields)))

@@ -1,0 +1,188 @@
+"""OMPL's RRT-Connect over a system's poses. [Kuffner, LaValle, ICRA 2000]"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from time import monotonic
+from typing import Any
+
+import numpy as np
+
+from nhpocp import so3
+from nhpocp.arrays import Array
+from nhpocp.errors import MissingDependencyError
+from nhpocp.problem import PlanningProblem
+from nhpocp.solvers.route.route import Poses
+from nhpocp.state_space import Block
+
+MISSING = 'routes need OMPL; install it with: pip install "nhpocp[routes]"'
+RANGE = 1.0  # of the pose's scales: the longest edge of a tree
+ROOM = 2.0  # of its scale, beside start and goal: where a coordinate without bounds is looked for
+HALF_TURN = np.pi  # beside start and goal, likewise of an angle
+
+
+@dataclass(frozen=True)
+class Trees:
+    """What a search ended with.
+
+    waypoints: of a route, (k, size); None where there is none. start, goal: the poses of either tree, (k, size).
+    """
+
+    waypoints: Array | None
+    start: Array
+    goal: Array
+
+
+def installed() -> bool:
+    """Whether routes can be looked for."""
+    try:
+        _ompl()
+    except MissingDependencyError:
+        return False
+    return True
+
+
+def _ompl() -> tuple[Any, Any, Any]:
+    """OMPL's modules base, geometric and util. Errors: `MissingDependencyError` with the line that installs it."""
+    try:
+        from ompl import base, geometric, util
+    except ImportError:
+        raise MissingDependencyError(MISSING) from None
+    util.setLogLevel(util.LOG_NONE)
+    return base, geometric, util
+
+
+def grown(
+    problem: PlanningProblem, poses: Poses, seconds: float, seed: int, stopped: Callable[[], bool]
+) -> Trees:
+    """Trees from start and goal until they meet, the time is over or ``stopped`` says so.
+
+    Whatever is OMPL's is gone when this returns: objects of its own that live at the end of Python make it complain.
+    Errors: `MissingDependencyError` where OMPL is not installed.
+    """
+    base, geometric, util = _ompl()
+    util.RNG.setSeed(seed + 1)  # which is not to be 0
+    packing = _Packing(problem)
+    space = packing.space(base)
+    information = base.SpaceInformation(space)
+
+    class Edges(base.MotionValidator):  # type: ignore[name-defined]
+        def checkMotion(self, here: Any, there: Any, *last: Any) -> bool:
+            return poses.free(packing.point(here), packing.point(there))
+
+    validator = Edges(information)
+    information.setMotionValidator(validator)
+    information.setStateValidityChecker(lambda state: True)  # edges alone are asked, their ends included
+    information.setup()
+    ends = space.allocState(), space.allocState()
+    for state, point in zip(ends, (problem.start_point, problem.goal_point), strict=True):
+        packing.write(state, point)
+    definition = base.ProblemDefinition(information)
+    definition.setStartAndGoalStates(*ends, 1e-9)
+    planner = geometric.RRTConnect(information)
+    planner.setRange(RANGE)
+    planner.setProblemDefinition(definition)
+    planner.setup()
+    deadline = monotonic() + seconds
+    over = base.PlannerTerminationCondition(lambda: monotonic() > deadline or stopped())
+    planner.solve(over)
+    waypoints = None
+    if definition.hasExactSolution():
+        states = definition.getSolutionPath().getStates()
+        waypoints = np.array([packing.point(state) for state in states])
+        waypoints[0], waypoints[-1] = problem.start_point, problem.goal_point
+    data = base.PlannerData(information)
+    planner.getPlannerData(data)
+    sides: dict[int, list[Array]] = {1: [], 2: []}  # OMPL's tags of the two trees
+    for place in range(data.numVertices()):
+        vertex = data.getVertex(place)
+        sides[vertex.getTag()].append(packing.point(vertex.getState()))
+    first, last = (np.reshape(side, (-1, packing.size)) for side in sides.values())
+    return Trees(waypoints, first, last)
+
+
+class _Packing:
+    """Packed poses and OMPL's states: one vector of all numbers, in units of their scales, then the rotations."""
+
+    def __init__(self, problem: PlanningProblem) -> None:
+        self._space, self.size = problem.system.state_space, problem.system.state_space.size
+        plain, self._rotations = list[int](), list[slice]()
+        for block in self._space.blocks:
+            place = self._space.point_slice(block.name)
+            if block.kind == "rotation":
+                self._rotations.append(place)
+            else:
+                plain += range(place.start, place.stop)
+        self._plain = np.array(plain, dtype=int)
+        self._scales = problem.scales.points[self._plain]
+        self._box = _box(problem)
+
+    def space(self, base: Any) -> Any:
+        """OMPL's space."""
+        whole = base.CompoundStateSpace()
+        if len(self._plain):
+            vectors, bounds = (
+                base.RealVectorStateSpace(len(self._plain)),
+                base.RealVectorBounds(len(self._plain)),
+            )
+            for i, (low, high) in enumerate(zip(*(self._box / self._scales), strict=True)):
+                bounds.setLow(i, float(low))
+                bounds.setHigh(i, float(high))
+            vectors.setBounds(bounds)
+            whole.addSubspace(vectors, 1.0)
+        for _ in self._rotations:
+            whole.addSubspace(base.SO3StateSpace(), 2.0)  # whose distance is half of the angle
+        whole.lock()
+        return whole
+
+    def point(self, state: Any) -> Array:
+        point, first = np.empty(self.size), bool(len(self._plain))
+        if first:
+            vector = state[0]
+            point[self._plain] = self._scales * [vector[i] for i in range(len(self._plain))]
+        for i, place in enumerate(self._rotations):
+            q = state[i + first]
+            point[place] = _matrix(q.w, q.x, q.y, q.z)
+        return point
+
+    def write(self, state: Any, point: Array) -> None:
+        first = bool(len(self._plain))
+        for i, value in enumerate(point[self._plain] / self._scales):
+            state[0][i] = float(value)
+        for i, place in enumerate(self._rotations):
+            q, half = state[i + first], 0.5 * np.asarray(so3.log(point[place].reshape(3, 3)))
+            angle = float(np.linalg.norm(half))
+            q.w = float(np.cos(angle))
+            q.x, q.y, q.z = (float(number) for number in np.sinc(angle / np.pi) * half)
+
+
+def _matrix(w: float, x: float, y: float, z: float) -> list[float]:
+    """The rotation of a unit quaternion, row by row."""
+    return [
+        *(1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+        *(2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+        *(2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+    ]
+
+
+def _box(problem: PlanningProblem) -> Array:
+    """Lower and upper limits (2, numbers) of what is no rotation: the problem's bounds, else around start and goal."""
+    sides: list[Array] = []
+    for block in problem.system.state_space.blocks:
+        if block.kind != "rotation":
+            sides.append(_limits(problem, block))
+    return np.concatenate([*sides, np.empty((2, 0))], axis=1)
+
+
+def _limits(problem: PlanningProblem, block: Block) -> Array:
+    place = problem.system.state_space.point_slice(block.name)
+    ends = np.stack([problem.start_point[place], problem.goal_point[place]])
+    low, high = ends.min(axis=0), ends.max(axis=0)
+    room = HALF_TURN if block.unit == "angle" else ROOM * problem.scales.of(block.unit)
+    box = np.stack([low - room - (high - low), high + room + (high - low)])
+    for bound in problem.bounds:
+        if bound.quantity == block.name:
+            box[0] = np.where(np.isfinite(bound.lower), np.maximum(box[0], bound.lower), box[0])
+            box[1] = np.where(np.isfinite(bound.upper), np.minimum(box[1], bound.upper), box[1])
+    return np.stack([np.minimum(box[0], low), np.maximum(box[1], high)])
