@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from nhpocp.errors import InvalidProblemError
-from nhpocp.foreseen import broken_poses
+from nhpocp.foreseen import broken_poses, singular_goal
 from nhpocp.pace import too_far
 from nhpocp.problem import PlanningProblem
 from nhpocp.scales import coarse
@@ -43,6 +43,8 @@ def doubts(
         words = f"{report.name} is {report.value_words()}, {report.limit_words()}; no plan can {verb} there"
         place = f"via[{order[int(pose[4:-1])]}]" if pose.startswith("via[") else pose
         yield InvalidProblemError(words, path=place, at_key=True)
+    if on_the_surface := singular_goal(problem)[1]:
+        yield InvalidProblemError(f"{on_the_surface}; no plan can end there", path="goal", at_key=True)
     horizon = problem.horizon
     if words := too_far(problem, horizon.maximum if horizon.free else horizon.initial, tolerance):
         yield InvalidProblemError(words, path="constraints.leg_speed", at_key=True)

@@ -14,10 +14,11 @@ from nhpocp.constraints.bound import Bound, BoundReport, check_bounds, in_shape
 from nhpocp.objectives.registry import OBJECTIVES
 from nhpocp.problem import PlanningProblem
 from nhpocp.singular_values import svd
-from nhpocp.systems.margins import margin
+from nhpocp.systems.margins import det, margin, sigma
 
 FORGIVEN = 2e-3  # of its size: by how much each bound is widened first, twice what verification forgives
 AFFINE = 1e-9  # relative
+ON_THE_SURFACE = 1e-9  # σ_min below which the sign of a determinant is rounding
 
 
 @dataclass(frozen=True)
@@ -70,6 +71,21 @@ def of_the_pose(problem: PlanningProblem, pose: Mapping[str, Any], names: Iterab
         if np.array_equal(still, moving):
             values[name] = np.squeeze(still)
     return values
+
+
+def singular_goal(problem: PlanningProblem) -> tuple[str, str]:
+    """The matrix that is singular at the goal and separates what the machine can do, and what is so in words.
+
+    Both empty where none is.
+    """
+    system = problem.system
+    names = {sigma(name).name: name for name in system.separating()}
+    for quantity, least in of_the_pose(problem, problem.goal, names).items():
+        if not least > ON_THE_SURFACE:
+            letter = det(names[quantity]).letter
+            words = f"lies on det {letter} = 0, where σ_min({letter}) is {least:.2g}"
+            return names[quantity], words
+    return "", ""
 
 
 def contradiction(problem: PlanningProblem) -> str:

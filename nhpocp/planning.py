@@ -13,7 +13,7 @@ from nhpocp.arrays import Array
 from nhpocp.deferred import at_hand
 from nhpocp.errors import CallError, InvalidProblemError, describe, suggestion
 from nhpocp.flow.simulation import simulate
-from nhpocp.foreseen import broken_poses, contradiction, endless
+from nhpocp.foreseen import ON_THE_SURFACE, broken_poses, contradiction, endless, singular_goal
 from nhpocp.interruption import STOPPED, Interruption
 from nhpocp.kept import let_go
 from nhpocp.objectives.registry import OBJECTIVES
@@ -26,8 +26,6 @@ from nhpocp.solvers.claimed import unsolved
 from nhpocp.solvers.registry import SOLVERS, made_solver
 from nhpocp.systems.numeric import numeric_system
 from nhpocp.verification import verify
-
-ON_THE_SURFACE = 1e-9  # σ_min below which the sign of a determinant is rounding
 
 
 def solve(
@@ -182,6 +180,11 @@ def refused(problem: PlanningProblem, solver: Solver) -> Solution | None:
         return _refused(problem, solver, Outcome.NOT_FINITE, f"{words}. {Outcome.NOT_FINITE.advice}")
     if missed := _missed_by_the_drift(problem, solver):
         return _refused(problem, solver, Outcome.NOT_REACHED, f"{missed}. There is no control to search for.")
+    matrix, on_the_surface = singular_goal(problem)
+    if matrix:
+        outcome = {"s": Outcome.SINGULAR_S}.get(matrix, Outcome.SINGULAR_W)
+        words = f"The goal itself {on_the_surface}; choose one that is clear of it."
+        return _refused(problem, solver, outcome, words)
     sentences = {
         Outcome.INFEASIBLE: contradiction(problem) or _broken_bounds(problem) or _too_far(problem, solver),
         Outcome.OTHER_COMPONENT: _opposite_signs(problem) if problem.goal_is_a_pose else "",

@@ -57,6 +57,10 @@ class ControlBasis(Constructed):
         """`table` without its zeros; override it where few of many functions are not zero at one time."""
         return Table(self.table(times, horizon, side), self.size)
 
+    def piece(self, first: float, last: float, horizon: float) -> tuple[ControlBasis, slice, float, float]:
+        """The basis that makes this one between neighbouring breakpoints, its functions' places, begin and duration."""
+        return self, slice(None), 0.0, horizon
+
     @abstractmethod
     def derivative_table(self, times: Array, horizon: float, side: Side = "right") -> Array:
         """dφ/dt at many times, (k, size), exactly; at a breakpoint the limit from the given side."""

@@ -55,6 +55,14 @@ class Control(ByValue, Constructed):
             return self.basis.local_table(times, self.horizon, side) @ self.coefficients.T
         return Samples(self.basis, self.horizon, times, side == "left").controls(self.coefficients)
 
+    def between(self, first: float, last: float) -> tuple[Control, float]:
+        """A control that does the same between neighbouring breakpoints, and when it begins.
+
+        Of many in sequence it is one, which is evaluated in less time.
+        """
+        basis, columns, begin, duration = self.basis.piece(first, last, self.horizon)
+        return Control(basis, self.coefficients[:, columns], duration), begin
+
     def derivative(self, times: Array, side: Side = "right") -> Array:
         """du/dt at times (k,) → (k, inputs); a jump has none."""
         return self.basis.derivative_table(np.atleast_1d(times), self.horizon, side) @ self.coefficients.T

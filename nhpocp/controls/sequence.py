@@ -36,7 +36,7 @@ class SequenceBasis(ControlBasis):
             raise InvalidProblemError(words, path="SequenceBasis")
 
     @cached_property
-    def size(self) -> int:  # type: ignore[override]
+    def size(self) -> int:
         return sum(basis.size for basis in self.bases)
 
     @property
@@ -93,6 +93,12 @@ class SequenceBasis(ControlBasis):
         times = np.where(np.abs(times - nearest) < 1e-9 * horizon, nearest, times)
         place = np.searchsorted(knots, times, side="right" if side == "right" else "left") - 1
         return times, np.maximum(np.minimum(place, len(self.bases) - 1), 0), knots
+
+    def piece(self, first: float, last: float, horizon: float) -> tuple[ControlBasis, slice, float, float]:
+        knots = self.knots(horizon)
+        i = int(np.searchsorted(knots[1:-1], 0.5 * (first + last)))
+        columns = slice(self._firsts[i], self._firsts[i] + self.bases[i].size)
+        return self.bases[i], columns, float(knots[i]), float(knots[i + 1] - knots[i])
 
     def derivative_table(self, times: Array, horizon: float, side: Side = "right") -> Array:
         return self._by_piece(

@@ -61,7 +61,8 @@ class Pieces:
             polynomial, orders = TO_COEFFICIENTS @ self.controls[k], np.arange(DEGREE + 1)
             # T_k(x) = cos(k arccos x)
             return lambda t: np.cos(orders * acos(min(1.0, max(-1.0, (t - middle) / half)))) @ polynomial
-        return lambda t: self.control(np.array([min(t, last)]), "left" if t >= last else "right")[0]
+        own, begin = self.control.between(first, last)
+        return lambda t: own(np.array([min(t, last) - begin]), "left" if t >= last else "right")[0]
 
 
 def in_pieces(control: Control) -> Iterator[Pieces]:

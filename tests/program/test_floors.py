@@ -56,6 +56,7 @@ ROOMS = {
     "sqlalchemy": ("study",),
     "mcap": ("machine",),
     "mujoco": ("machine.simulation",),
+    "ompl": ("solvers.route",),
     "click": ("cli",),
     "rich": ("cli",),
 }

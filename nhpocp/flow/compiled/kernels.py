@@ -38,6 +38,10 @@ class Kernels(Constructed):
     def wanted(self, place: Place[K], recipe: Recipe[K], foreseen: float) -> K | None:
         """The kernel of a place if it is to be used; the work to come is foreseen to take that many seconds without."""
 
+    def for_long_work(self) -> Kernels:
+        """Whose turn it is where thousands of sweeps are sure to come, so that waiting for a kernel pays."""
+        return self
+
     def swept(self, scheme: Scheme, sweep: Sweep) -> Swept:
         """What `Scheme.swept` gives."""
         recipe = _recipe(scheme, sweep.start, sweep.grid, sweep.coefficients)
@@ -104,6 +108,9 @@ class CompiledWhenReady(Kernels):
     """
 
     patience: float = 0.15
+
+    def for_long_work(self) -> Kernels:
+        return self if os.environ.get("NHPOCP_COMPILE") == "never" else Compiled()
 
     def wanted(self, place: Place[K], recipe: Recipe[K], foreseen: float) -> K | None:
         due = place.untried and place.seconds + foreseen > self.patience

@@ -262,7 +262,8 @@ class _Search:
                 self._tell()
             controls = manoeuvres.controls
             if manoeuvres.arrived:
-                yield f"{len(controls)} manoeuvres along a route", self._joined(controls)
+                count = f"{len(controls)} manoeuvres in sequence" if len(controls) > 1 else "a manoeuvre"
+                yield f"{count} along a route", self._joined(controls)
                 continue
             part = manoeuvres.walked / found.route.length
             way = f"manoeuvres along a route, stuck after {len(controls)} at {part:.0%} of it"

@@ -51,7 +51,8 @@ class RouteManoeuvres:
         self.here = problem.start_point
         own = solver.integrator
         kept = own if isinstance(own, RungeKutta4) else RungeKutta4()
-        integrator = resolving(replace(kept, steps=STEPS), problem.basis)
+        kernels = kept.kernels.for_long_work()
+        integrator = resolving(replace(kept, steps=STEPS, kernels=kernels), problem.basis)
         self._solver = replace(solver, integrator=integrator, objective="none")
         self._random = np.random.default_rng(seed)
         self._flow = flow_through(problem.system, problem.basis, 1.0, finer(integrator), ())
@@ -80,7 +81,7 @@ class RouteManoeuvres:
                 self.walked = reach
 
     def _manoeuvre(self, reach: float, interruption: Interruption) -> Control | None:
-        """One that leads to that much of the route and stays clear, of those that cost least; `here` is where it ends."""
+        """The cheapest that leads to that much of the route and stays clear; `here` is where it ends."""
         part = replace(
             self.problem,
             start=self._values(self.here),

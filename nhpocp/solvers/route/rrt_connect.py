@@ -98,8 +98,10 @@ def grown(
     for place in range(data.numVertices()):
         vertex = data.getVertex(place)
         sides[vertex.getTag()].append(packing.point(vertex.getState()))
-    first, last = (np.reshape(side, (-1, packing.size)) for side in sides.values())
-    return Trees(waypoints, first, last)
+    roots = problem.start_point, problem.goal_point
+    return Trees(
+        waypoints, *(np.array(side or [root]) for side, root in zip(sides.values(), roots, strict=True))
+    )
 
 
 class _Packing:

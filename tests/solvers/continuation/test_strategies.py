@@ -19,7 +19,7 @@ from nhpocp.flow.dynamics import Dynamics
 from nhpocp.flow.integrators import RungeKutta4
 from nhpocp.outcome import Outcome
 from nhpocp.solution_folder import load_solution, save_solution
-from nhpocp.solvers.continuation import auto, confirmation
+from nhpocp.solvers.continuation import auto, confirmation, geodesic
 from nhpocp.solvers.continuation.auto import Auto
 from nhpocp.solvers.continuation.confirmation import confirmed, missed
 from nhpocp.solvers.continuation.continuation import Continuation
@@ -149,8 +149,8 @@ def test_a_claim_that_is_refuted_to_the_last_says_by_how_much(problem, monkeypat
 def test_what_is_not_reached_is_said_with_everything_tried(monkeypatch):
     """Two steps of γ = 0.001 reach nothing; no try may claim it."""
     for name, value in {"SEEDS": 2, "HALVINGS": 2}.items():
-        monkeypatch.setattr(auto, name, value)
-    lame = Auto(Continuation(step_rule=Euler(1e-3), max_iterations=2), restarts=1)
+        monkeypatch.setattr(geodesic, name, value)
+    lame = Auto(Continuation(step_rule=Euler(1e-3), max_iterations=2), restarts=1, route="never")
     solution = planning.solve(paper_problem(), lame)
     assert solution.outcome is Outcome.NOT_REACHED
     for way in (
@@ -248,9 +248,9 @@ def test_a_stop_while_starts_are_compared_keeps_the_least_so_far():
 
 
 def test_the_nearest_start_goes_on_to_max_iterations_where_all_else_failed(monkeypatch):
-    monkeypatch.setattr(auto, "SEEDS", 0)
-    monkeypatch.setattr(auto, "HALVINGS", 0)
-    patient = Auto(Continuation(step_rule=Euler(0.1), max_iterations=100), restarts=0)
+    monkeypatch.setattr(geodesic, "SEEDS", 0)
+    monkeypatch.setattr(geodesic, "HALVINGS", 0)
+    patient = Auto(Continuation(step_rule=Euler(0.1), max_iterations=100), restarts=0, route="never")
     solution = planning.solve(paper_problem(), patient)
     assert solution.converged
     assert solution.details["tried"][-1]["way"] == "the nearest start, to the end"
@@ -262,11 +262,11 @@ def test_the_nearest_start_goes_on_to_max_iterations_where_all_else_failed(monke
 
 def test_more_starts_are_tried_where_all_else_failed(monkeypatch):
     """A goal beside det W = 0, which one start of six leads to; manoeuvres get stuck before it."""
-    monkeypatch.setattr(auto, "SEEDS", 0)
-    monkeypatch.setattr(auto, "HALVINGS", 0)
+    monkeypatch.setattr(geodesic, "SEEDS", 0)
+    monkeypatch.setattr(geodesic, "HALVINGS", 0)
     problem = goals.paper_task("paper_conjecture")
     problem = replace(problem, goal=goals.near_goal(problem, 34))
-    solution = planning.solve(problem)
+    solution = planning.solve(problem, Auto(route="never"))
     assert solution.converged
     assert "after 12 other ways" in solution.message
     assert solution.details["tried"][-1]["way"] == "seeded start 10"

@@ -1,0 +1,269 @@
+"""Routes of poses: what makes a pose valid, edges without gaps, searches that end, and what they say."""
+
+import subprocess
+import sys
+from dataclasses import replace
+
+import goals
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import nhpocp
+from nhpocp import planning
+from nhpocp.constraints.bound import Bound
+from nhpocp.errors import InvalidProblemError, MissingDependencyError
+from nhpocp.flow.step_error import settled_path
+from nhpocp.outcome import Outcome
+from nhpocp.solvers.continuation import auto
+from nhpocp.solvers.continuation.auto import Auto
+from nhpocp.solvers.continuation.continuation import Continuation
+from nhpocp.solvers.continuation.route_manoeuvres import RouteManoeuvres
+from nhpocp.solvers.continuation.settings import JacobianSettings
+from nhpocp.solvers.continuation.step_rules import Adaptive
+from nhpocp.solvers.route.find_route import find_route, lacking
+from nhpocp.solvers.route.pose_checks import least_margins, pose_checks
+from nhpocp.solvers.route.route import Poses, Route
+from nhpocp.systems.numeric import numeric_system
+from tests.conftest import paper_problem, yaw
+
+BENT, STRAIGHT = 13, 3  # robots whose goals are seen from the start, and are not
+LAME = Auto(Continuation(step_rule=Adaptive(), max_iterations=1), restarts=0)
+
+
+def walked(seed, **changes):
+    task = goals.random_robot_task(seed)
+    return replace(task.towards(goals.walked_goal(task, seed)), **changes)
+
+
+@pytest.fixture(scope="module")
+def bent():
+    return walked(BENT)
+
+
+@pytest.fixture(scope="module")
+def bent_route(bent):
+    return find_route(bent, 60.0, 0)
+
+
+@pytest.fixture(scope="module")
+def followed():
+    """A goal that no start leads to, by manoeuvres along a route."""
+    return planning.solve(walked(STRAIGHT), Auto(restarts=0))
+
+
+def test_a_route_leads_from_start_to_goal_without_an_invalid_pose(bent, bent_route):
+    route = bent_route.route
+    assert len(route.waypoints) > 2
+    np.testing.assert_array_equal(route.waypoints[[0, -1]], [bent.start_point, bent.goal_point])
+    path = np.array([route.at(length) for length in np.linspace(0.0, route.length, 1001)])
+    assert route.poses.checks.slacks(path).min() > 0
+    numeric = numeric_system(bent.system)
+    for name, values in numeric.determinants(path).items():
+        assert (values * values[0] > 0).all(), name
+    least = {check.matrix: check.least for check in bent_route.checks.checks}
+    for name, values in numeric.sigmas(path, bent.scale).items():
+        assert values.min() > least[name] > 0
+
+
+def test_the_straight_motion_of_that_robot_is_no_route(bent, bent_route):
+    assert not bent_route.route.poses.free(bent.start_point, bent.goal_point)
+    assert sum(bent_route.route.poses.checks.refusals.values()) > 0
+
+
+def test_a_search_is_seeded(bent, bent_route):
+    again, other = find_route(bent, 60.0, 0), find_route(bent, 60.0, 1)
+    np.testing.assert_array_equal(again.route.waypoints, bent_route.route.waypoints)
+    assert other.route.waypoints.shape != again.route.waypoints.shape or not np.allclose(
+        other.route.waypoints, again.route.waypoints
+    )
+
+
+TURN = st.floats(-1.5, 1.5)
+SHIFT = st.floats(-1.5, 1.5)
+
+
+@pytest.fixture(scope="module")
+def spaces():
+    """Poses of several robots, measured."""
+    problems = [walked(seed) for seed in (0, 2, 5)]
+    return [(p, Poses(p, pose_checks(p, least_margins(p, 0.2)))) for p in problems]
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    robot=st.integers(0, 2), tangent=st.tuples(SHIFT, SHIFT, SHIFT, TURN, TURN, TURN), part=st.floats(0, 1)
+)
+def test_an_edge_that_is_free_has_no_invalid_pose(spaces, robot, tangent, part):
+    """At a hundred times as many samples as it began with."""
+    problem, poses = spaces[robot]
+    middle = poses.tangent(problem.goal_point, problem.start_point)[0]
+    here = poses.checks.between(problem.start_point, middle, np.array([part]))[0]
+    there = problem.system.state_space.retract(here, np.array(tangent) * problem.scales.states)
+    if not poses.free(here, there):
+        return
+    moved, size = poses.tangent(there, here)
+    samples = poses.checks.between(here, moved, np.linspace(0.0, 1.0, 100 * (2 + int(10 * size))))
+    assert poses.checks.slacks(samples).min() > 0
+
+
+def test_bounds_that_a_pose_can_break_are_checked_and_rates_are_not():
+    bounds = {
+        "leg_length": [20, 60],
+        "leg_speed": 1e-3,
+        "clearance": 0.01,
+        "joint_angle": {"theta4": [-1.5, 1.5]},
+    }
+    problem = paper_problem(bounds=bounds)
+    checks = pose_checks(problem, least_margins(problem, 0.2))
+    names = [check.name for check in checks.checks]
+    assert names[2:] == ["leg_length", "joint_angle.theta4"]
+    assert "det S = 0" in names[0]
+    assert "det W = 0" in names[1]
+    high = problem.start_point.copy()
+    high[2] += 60
+    assert not checks.valid(high[None])
+    assert checks.refusals["leg_length"] == 1
+    lengths = numeric_system(problem.system).outputs(high[None], np.zeros((1, 3)))["leg_lengths"]
+    assert checks.slacks(high[None])[0, 2] == pytest.approx((60 - lengths.max()) / 60, abs=1e-3)
+
+
+def test_a_clearance_that_is_asked_for_is_kept_by_routes():
+    problem = paper_problem(bounds=[Bound("clearance.sigma_s", "sigma_s", 0.3)])
+    least = least_margins(problem, 0.01)
+    assert least["s"] == 0.3
+    assert 0 < least["w"] < 0.3
+
+
+def test_the_end_of_a_search_without_a_route_says_how_near_it_came(bent):
+    words = find_route(bent, 60.0, 0, stopped=lambda: True).words
+    assert "the tree from the start (" in words
+    assert "came as near to the goal as" in words
+    assert " deg" in words
+    assert "σ" not in words.partition(":")[0]
+
+
+def test_what_refused_most_is_named(bent):
+    """A box around the start: the goal's tree cannot leave the goal."""
+    position = np.asarray(bent.start["position"])
+    box = Bound("state.position", "position", position - 1.0, position + 1.0)
+    words = find_route(bent.with_(bounds=[box]), 1.0, 0).words
+    assert "most refused by state.position (" in words
+
+
+def test_manoeuvres_along_a_route_stay_clear_of_what_it_avoids(followed):
+    assert followed.converged, followed.message
+    assert "manoeuvres in sequence along a route" in followed.message
+    assert len(followed.control.basis.bases) > 1
+    assert not followed.verdict.crossings
+    assert followed.trajectory["sigma_s"].min() > 0.01
+    assert followed.settings["route"] == "auto"
+
+
+def test_every_manoeuvre_keeps_the_checks(followed):
+    """Of the first three, held against the same controls integrated by themselves."""
+    problem = followed.problem
+    found = find_route(problem, 60.0, 0)
+    manoeuvres = RouteManoeuvres(problem, Continuation(step_rule=Adaptive()), found.route, found.checks, 0)
+    for _ in manoeuvres.walk():
+        if len(manoeuvres.controls) == 3:
+            break
+    here = problem.start_point
+    for control in manoeuvres.controls:
+        _, path = settled_path(problem, control, 400, here)
+        assert found.checks.slacks(path).min() > 0
+        here = path[-1]
+    np.testing.assert_allclose(here, manoeuvres.here, atol=1e-4)
+    missed = problem.system.state_space.difference(here, found.route.at(manoeuvres.walked))
+    assert np.linalg.norm(missed) < 2e-3
+    assert not manoeuvres.arrived
+
+
+@pytest.mark.parametrize(
+    ("system", "start", "goal"),
+    [
+        (nhpocp.Unicycle(), {"x": 0, "y": 0, "theta": 0}, {"x": 1, "y": 2, "theta": 2.5}),
+        (nhpocp.Car(), {"x": 0, "y": 0, "theta": 0, "phi": 0}, {"x": 0, "y": 1.5, "theta": 3, "phi": 0}),
+    ],
+    ids=["unicycle", "car"],
+)
+def test_vehicles_follow_routes_too(system, start, goal):
+    solution = planning.solve(
+        nhpocp.PlanningProblem(system=system, start=start, goal=goal), Auto(route="always")
+    )
+    assert solution.converged, solution.message
+    assert solution.details["tried"][0]["way"].endswith("along a route")
+
+
+def test_a_car_does_not_turn_its_wheels_across():
+    problem = nhpocp.PlanningProblem(
+        system=nhpocp.Car(),
+        start={"x": 0, "y": 0, "theta": 0, "phi": 0},
+        goal={"x": 1, "y": 0, "theta": 0, "phi": 0},
+    )
+    poses = Poses(problem, pose_checks(problem, {}))
+    assert not poses.free(
+        np.array([0.0, 0, 0, 0]), np.array([0.0, 0, 0, 3.0])
+    )  # tan φ is finite at both ends
+
+
+def test_a_half_turn_is_no_straight_part():
+    problem = paper_problem()
+    poses = Poses(problem, pose_checks(problem, least_margins(problem, 0.2)))
+    back = problem.system.state_space.pack(
+        {"position": problem.start["position"], "orientation": yaw(np.pi - np.pi / 6)}
+    )
+    assert not np.isfinite(poses.tangent(np.asarray(back), problem.start_point)[1])
+
+
+def test_a_route_is_shorter_after_shortening_and_still_valid(bent, bent_route):
+    poses = bent_route.route.poses
+    longer = Route(np.insert(bent_route.route.waypoints, 1, bent_route.route.at(0.01), axis=0), poses)
+    shorter = longer.shortened(np.random.default_rng(0))
+    assert shorter.length <= longer.length
+    assert len(shorter.waypoints) <= len(longer.waypoints)
+
+
+def test_problems_that_no_route_serves_say_why():
+    assert lacking(paper_problem()) == ""
+    assert "drift" in lacking(
+        nhpocp.PlanningProblem(
+            system=nhpocp.DoubleIntegrator(),
+            start={"q": [-1], "q_dot": [0]},
+            goal={"q": [0], "q_dot": [0]},
+        )
+    )
+    assert "via" in lacking(paper_problem(via=[{"at": 0.5, "position": [0, 0, 30]}]))
+    assert "outputs" in lacking(paper_problem(goal={"leg_lengths": [38, 39, 40]}))
+
+
+def test_without_ompl_auto_says_what_would_help(bent, monkeypatch):
+    monkeypatch.setitem(sys.modules, "ompl", None)
+    monkeypatch.setattr(auto, "BUDGET", 20)
+    solution = planning.solve(bent, LAME)
+    assert solution.outcome is Outcome.NOT_REACHED
+    assert 'pip install "nhpocp[routes]"' in solution.message
+    with pytest.raises(MissingDependencyError, match=r"nhpocp\[routes\]"):
+        planning.solve(bent, replace(LAME, route="always"))
+
+
+def test_routes_need_the_rule_that_follows_them():
+    with pytest.raises(InvalidProblemError, match="step_rule: auto"):
+        JacobianSettings(step_rule="euler", route="always").solver(None, {})
+    solver = JacobianSettings(route="never", route_seconds=3.0).solver(None, {})
+    assert (solver.route, solver.route_seconds) == ("never", 3.0)
+
+
+def test_ompl_is_quiet(tmp_path):
+    """At the end of Python too, where it complains of what it finds alive."""
+    code = (
+        "import goals; from nhpocp.solvers.route.find_route import find_route\n"
+        f"task = goals.random_robot_task({BENT})\n"
+        f"print(len(find_route(task.towards(goals.walked_goal(task, {BENT})), 60.0, 0).route.waypoints))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, cwd="scripts", check=True
+    )
+    assert int(done.stdout) > 2
+    assert done.stderr == ""
