@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import re
 
+import goals
 import numpy as np
 import pytest
 
 import nhpocp
 from nhpocp.constraints.bound import Bound
+from nhpocp.doubts import doubts
 from nhpocp.flow.compiled.kernels import Interpreted
-from nhpocp.foreseen import contradiction, endless
+from nhpocp.foreseen import contradiction, endless, singular_goal
 from nhpocp.horizon import Horizon
 from nhpocp.outcome import Outcome
 from nhpocp.pace import too_far
@@ -19,7 +21,7 @@ from nhpocp.problem_file.building import build_solver
 from nhpocp.solvers.nlp.guesses import Guess, ProblemGuess, make_guess
 from nhpocp.solvers.nlp.single_shooting import SingleShooting
 from nhpocp.solvers.nlp.staged_transcription import StagedTranscription
-from tests.conftest import Integrators, paper_problem
+from tests.conftest import Integrators, paper_problem, yaw
 
 NLP = build_solver("nlp", {"intervals": 6})
 SOLVERS = [NLP, build_solver("jacobian", {"step_rule": "auto"})]
@@ -161,3 +163,17 @@ def test_the_horizon_that_a_hopeless_speed_is_answered_with_is_enough(solver):
         re.search(r"A motion that keeps leg_speed was found for horizon: (\S+)\.", solution.message)[1]
     )
     assert nhpocp.solve(hurried(5.0, horizon), SOLVERS[1]).converged
+
+
+def test_a_goal_on_a_singular_surface_is_refused_by_name_and_doubted():
+    """On the axis of `paper_conjecture`, det W has a zero where cos ψ = B/A."""
+    goal = {"position": [0, 0, 35], "orientation": yaw(-np.arccos(5 / 15))}
+    problem = goals.paper_task("paper_conjecture", goal=goal)
+    solution = nhpocp.solve(problem)
+    assert solution.outcome is Outcome.SINGULAR_W
+    assert solution.evaluations == 0
+    assert "The goal itself lies on det W = 0, where σ_min(W) is" in solution.message
+    (doubt,) = [doubt for doubt in doubts(problem, 1e-3) if doubt.path == "goal"]
+    assert "lies on det W = 0" in doubt.message
+    beside = goals.paper_task("paper_conjecture", goal={**goal, "orientation": yaw(-1.2)})
+    assert singular_goal(beside) == ("", "")

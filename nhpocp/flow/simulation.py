@@ -18,6 +18,7 @@ from nhpocp.problem import PlanningProblem
 from nhpocp.systems.numeric import numeric_system
 
 STEPS_AT_LEAST = 800  # where RK4's error on the paper's path is below 1e-11
+STEPS_PER_PIECE = 100
 
 
 @dataclass(frozen=True)
@@ -45,7 +46,8 @@ def simulate(problem: PlanningProblem, control: Control) -> Motion:
 
     @cache
     def integrated() -> tuple[Array, Array]:
-        least = enough_steps(STEPS_AT_LEAST, control.basis)
+        pieces = len(getattr(control.basis, "bases", (None,)))  # of a sequence
+        least = enough_steps(max(STEPS_AT_LEAST, STEPS_PER_PIECE * pieces), control.basis)
         return settled_path(problem, control, (samples - 1) * -(-least // (samples - 1)))
 
     return Motion(

@@ -6,6 +6,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from nhpocp.controls.bspline import BSpline
 from nhpocp.controls.control import Control
 from nhpocp.controls.fourier import Fourier
 from nhpocp.controls.piecewise_constant import PiecewiseConstant
@@ -63,3 +64,19 @@ def test_json_round_trip_gives_every_piece_its_horizon():
     back = Control(basis, coefficients, data["horizon"])
     times = np.linspace(0, 2, 41)
     np.testing.assert_allclose(back(times), joined(times), atol=1e-12)
+
+
+def test_between_breakpoints_a_piece_does_the_same_alone():
+    random = np.random.default_rng(0)
+    bases = (Fourier(1), BSpline(2, 3), Fourier(2))
+    whole = join(
+        [Control(b, random.normal(size=(2, b.size)), t) for b, t in zip(bases, (0.5, 2.0, 1.0), strict=True)]
+    )
+    knots = [0.0, *whole.breakpoints, whole.horizon]
+    for first, last in pairwise(knots):
+        own, begin = whole.between(first, last)
+        times = np.linspace(first, last, 9)[1:-1]
+        np.testing.assert_allclose(own(times - begin), whole(times), atol=1e-12)
+        np.testing.assert_allclose(own([last - begin], "left"), whole([last], "left"), atol=1e-9)
+    alone = Control(Fourier(1), np.ones((2, 3)), 2.0)
+    assert alone.between(0.0, 2.0) == (alone, 0.0)

@@ -30,9 +30,9 @@ from nhpocp.solvers.continuation.ending import Ending
 from nhpocp.solvers.continuation.geodesic import Geodesic
 from nhpocp.solvers.continuation.initial_control import drawn
 from nhpocp.solvers.continuation.route_manoeuvres import RouteManoeuvres
-from nhpocp.solvers.continuation.settings import ROUTE, ROUTE_SECONDS, ROUTES
 from nhpocp.solvers.continuation.step_rules import Adaptive
 from nhpocp.solvers.route.find_route import find_route, lacking
+from nhpocp.solvers.route.wanted import ROUTE, ROUTE_SECONDS, ROUTES
 
 EVALUATIONS = 25  # per try: starts that lead to the goal need 5 to 20
 SHORTEST = 0.3  # of the mean duration: shorter ones would ask for many steps of all

@@ -21,6 +21,7 @@ from nhpocp.solvers.continuation.generalized_inverses import MoorePenrose
 from nhpocp.solvers.continuation.initial_control import drawn
 from nhpocp.solvers.continuation.lockstep_search import Lockstep, Method
 from nhpocp.solvers.continuation.step_rules import Adaptive
+from nhpocp.solvers.route.edges import clear
 from nhpocp.solvers.route.pose_checks import PoseChecks
 from nhpocp.solvers.route.route import Route
 
@@ -29,6 +30,8 @@ WIDTHS = (0.1, 0.3, 0.7, 1.2)  # in turn, with which the controls are drawn
 EVALUATIONS = 30  # of each
 STEPS = 40  # of a manoeuvre's integration
 LEAST = 0.001  # length, in units of the problem's scales, that is tried last
+LOOKS = 20  # at a path, before it is held against all checks
+RESOLVED = 1e-6  # in units of the problem's scales: between ends with the steps of either simulation
 PIECES = 200  # at most
 LONGER = 2.0  # times what has been reached, tried next
 
@@ -55,7 +58,10 @@ class RouteManoeuvres:
         integrator = resolving(replace(kept, steps=STEPS, kernels=kernels), problem.basis)
         self._solver = replace(solver, integrator=integrator, objective="none")
         self._random = np.random.default_rng(seed)
-        self._flow = flow_through(problem.system, problem.basis, 1.0, finer(integrator), ())
+        fine = finer(integrator)
+        self._flows = [
+            flow_through(problem.system, problem.basis, 1.0, steps, ()) for steps in (fine, finer(fine))
+        ]
 
     @property
     def arrived(self) -> bool:
@@ -97,11 +103,26 @@ class RouteManoeuvres:
         for control in sorted(
             (Control(part.basis, plan.coefficients) for plan in plans), key=lambda control: control.effort
         ):
-            path = self._flow.states(self.here, control.coefficients)
-            if np.isfinite(path).all() and self.checks.valid(path):
-                self.here = self.problem.system.state_space.nearest(path[-1])
+            end = self._end(control)
+            if end is not None:
+                self.here = end
                 return control
         return None
+
+    def _end(self, control: Control) -> Array | None:
+        """Where a control leads from `here`; None where its path is not clear, or so steep that steps decide it."""
+        path = self._flows[0].states(self.here, control.coefficients)
+        if not np.isfinite(path).all() or not self.checks.valid(path[:: len(path) // LOOKS]):
+            return None  # most that are not clear, in little time
+        finer_path = self._flows[1].states(self.here, control.coefficients)
+        error = np.abs(finer_path[-1] - path[-1]) / self.problem.scales.points
+        if (
+            not error.max() <= RESOLVED
+            or not np.isfinite(finer_path).all()
+            or not clear(self.checks, finer_path)
+        ):
+            return None
+        return self.problem.system.state_space.nearest(finer_path[-1])
 
     def _values(self, pose: Array) -> dict[str, Array]:
         return self.problem.system.state_space.unpack(pose)

@@ -11,6 +11,7 @@ from nhpocp import declared
 from nhpocp.errors import InvalidProblemError
 from nhpocp.family import Family, Group
 from nhpocp.objectives.registry import costs_of_motion
+from nhpocp.solvers.route.wanted import ROUTE, ROUTE_SECONDS, ROUTES
 from nhpocp.solvers.settings import SolverSettings
 
 if TYPE_CHECKING:
@@ -56,9 +57,6 @@ SENSITIVITIES: Family[Any] = Family(
         "variational": "nhpocp.flow.end_point_map:VariationalEndPointMap",
     }
 )
-ROUTES = ("auto", "always", "never")
-ROUTE = "whether step_rule auto makes manoeuvres along a route of poses: after its quick ways, before them, or not"
-ROUTE_SECONDS = "how long a route is looked for, at most"
 
 
 @dataclass(frozen=True)

@@ -34,6 +34,12 @@ def free(checks: PoseChecks, here: Array, tangent: Array, size: float) -> bool:
     return False
 
 
+def clear(checks: PoseChecks, path: Array) -> bool:
+    """Whether a path is valid at its poses (k, size), and surely between them."""
+    slacks = checks.slacks(path)
+    return not checks.refuse(slacks) and not _doubtful(slacks, np.ones(len(path) - 1)).any()
+
+
 def _doubtful(slacks: Array, steps: Array) -> Array:
     """Between which neighbours (k - 1,) one of the slacks (k, checks) might reach zero."""
     slopes = np.abs(np.diff(slacks, axis=0)) / steps[:, None]

@@ -14,6 +14,8 @@ import nhpocp
 from nhpocp import planning
 from nhpocp.constraints.bound import Bound
 from nhpocp.errors import InvalidProblemError, MissingDependencyError
+from nhpocp.flow.compiled.kernels import Compiled
+from nhpocp.flow.integrators import RungeKutta4
 from nhpocp.flow.step_error import settled_path
 from nhpocp.outcome import Outcome
 from nhpocp.solvers.continuation import auto
@@ -29,6 +31,7 @@ from nhpocp.systems.numeric import numeric_system
 from tests.conftest import paper_problem, yaw
 
 BENT, STRAIGHT = 13, 3  # robots whose goals are seen from the start, and are not
+COMPILED = Continuation(step_rule=Adaptive(), integrator=RungeKutta4(kernels=Compiled()))
 LAME = Auto(Continuation(step_rule=Adaptive(), max_iterations=1), restarts=0)
 
 
@@ -50,7 +53,7 @@ def bent_route(bent):
 @pytest.fixture(scope="module")
 def followed():
     """A goal that no start leads to, by manoeuvres along a route."""
-    return planning.solve(walked(STRAIGHT), Auto(restarts=0))
+    return planning.solve(walked(STRAIGHT), Auto(COMPILED, restarts=0))
 
 
 def test_a_route_leads_from_start_to_goal_without_an_invalid_pose(bent, bent_route):
@@ -165,7 +168,7 @@ def test_every_manoeuvre_keeps_the_checks(followed):
     """Of the first three, held against the same controls integrated by themselves."""
     problem = followed.problem
     found = find_route(problem, 60.0, 0)
-    manoeuvres = RouteManoeuvres(problem, Continuation(step_rule=Adaptive()), found.route, found.checks, 0)
+    manoeuvres = RouteManoeuvres(problem, COMPILED, found.route, found.checks, 0)
     for _ in manoeuvres.walk():
         if len(manoeuvres.controls) == 3:
             break
@@ -190,7 +193,7 @@ def test_every_manoeuvre_keeps_the_checks(followed):
 )
 def test_vehicles_follow_routes_too(system, start, goal):
     solution = planning.solve(
-        nhpocp.PlanningProblem(system=system, start=start, goal=goal), Auto(route="always")
+        nhpocp.PlanningProblem(system=system, start=start, goal=goal), Auto(COMPILED, route="always")
     )
     assert solution.converged, solution.message
     assert solution.details["tried"][0]["way"].endswith("along a route")
