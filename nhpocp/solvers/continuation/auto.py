@@ -265,7 +265,7 @@ class _Search:
                 count = f"{len(controls)} manoeuvres in sequence" if len(controls) > 1 else "a manoeuvre"
                 yield f"{count} along a route", self._joined(controls)
                 continue
-            part = manoeuvres.walked / found.route.length
+            part = manoeuvres.walked / manoeuvres.route.length
             way = f"manoeuvres along a route, stuck after {len(controls)} at {part:.0%} of it"
             self.note(way, "stagnated", self.problem.goal_error(manoeuvres.here))
 

@@ -33,6 +33,7 @@ LEAST = 0.001  # length, in units of the problem's scales, that is tried last
 LOOKS = 20  # at a path, before it is held against all checks
 RESOLVED = 1e-6  # in units of the problem's scales: between ends with the steps of either simulation
 PIECES = 200  # at most
+DETOURS, ASIDE = 4, 40  # at most, where no manoeuvre leads on, and the seeded controls that may make one
 LONGER = 2.0  # times what has been reached, tried next
 
 
@@ -73,9 +74,14 @@ class RouteManoeuvres:
 
         Yields the part of the route that is walked. Errors: Ctrl-C's.
         """
-        step = self.route.length
+        step, detours = self.route.length, 0
         with Interruption() as interruption, np.errstate(all="ignore"):
-            while step > LEAST and len(self.controls) < PIECES and not self.arrived:
+            while len(self.controls) < PIECES and not self.arrived:
+                if step <= LEAST:
+                    detours += 1
+                    if detours > DETOURS or not self._detour():
+                        return
+                    step = self.route.length
                 yield self.walked / self.route.length
                 reach = min(self.route.length, self.walked + step)
                 control = self._manoeuvre(reach, interruption)
@@ -85,6 +91,20 @@ class RouteManoeuvres:
                 self.controls.append(control)
                 step = LONGER * (reach - self.walked)
                 self.walked = reach
+
+    def _detour(self) -> bool:
+        """Steps aside to a pose from which the rest of the route is in sight; whether there is one among some."""
+        ahead = self.route.after(self.walked)
+        for draw in range(ASIDE):
+            coefficients = drawn(self.problem, self._random, WIDTHS[draw % len(WIDTHS)])
+            control = Control(self.problem.basis, self.problem.horizon.fixed * coefficients)
+            end = self._end(control)
+            if end is not None and self.route.poses.free(end, ahead[0]):
+                self.controls.append(control)
+                self.here, self.walked = end, 0.0
+                self.route = Route(np.vstack([end, ahead]), self.route.poses)
+                return True
+        return False
 
     def _manoeuvre(self, reach: float, interruption: Interruption) -> Control | None:
         """The cheapest that leads to that much of the route and stays clear; `here` is where it ends."""

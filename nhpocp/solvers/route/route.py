@@ -70,6 +70,10 @@ class Route:
         tangent, _ = self.poses.tangent(there, here)
         return np.asarray(self.poses.checks.between(here, tangent, np.array([part]))[0])
 
+    def after(self, length: float) -> Array:
+        """The waypoints that are still to come after that much of the route, (k, size)."""
+        return self.waypoints[self._knots > length]
+
     def shortened(self, random: np.random.Generator) -> Route:
         """With straight parts wherever two of its poses see each other and that is shorter."""
         route = self
