@@ -11,7 +11,13 @@ from nhpocp.flow.compiled.c_functions import LANES
 from nhpocp.flow.compiled.kernel_cache import NotCompilableError
 from nhpocp.machine.export.planner import header_text
 from nhpocp.machine.export.planner.parts import Parts
-from nhpocp.machine.export.planner.planner_source import BAD_INPUT, ENDINGS, NO_ROTATION, PlannerSource
+from nhpocp.machine.export.planner.planner_source import (
+    BAD_INPUT,
+    ENDINGS,
+    NO_ROTATION,
+    SIGNATURE,
+    PlannerSource,
+)
 from nhpocp.outcome import Outcome
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Solver
@@ -25,9 +31,15 @@ def write_planner(problem: PlanningProblem, solver: Solver, file: Path) -> Path:
     Its functions begin with the problem's name and `_planner`.
     Errors: `InvalidProblemError` for what a planner cannot do, naming what to set; `OSError`.
     """
+    if file.suffix != ".c":
+        raise InvalidProblemError(
+            "a planner needs a file that ends in .c, for its header ends in .h", file=str(file)
+        )
+    header = file.with_suffix(".h")
+    for each in (file, header):
+        _check_ours(each)
     parts = Parts.of(problem, solver)
     (name,) = identifiers([f"{problem.name}_planner"])
-    header = file.with_suffix(".h")
     source = PlannerSource(parts, name, header.name)
     try:
         text = source.text()
@@ -36,6 +48,17 @@ def write_planner(problem: PlanningProblem, solver: Solver, file: Path) -> Path:
     write_text(header, _header(source, file.stem))
     write_text(file, text)
     return header
+
+
+def _check_ours(file: Path) -> None:
+    """Errors: `InvalidProblemError` for a file that stands there and that no planner's is."""
+    try:
+        with file.open("rb") as stream:
+            ours = SIGNATURE.encode() in stream.readline()
+    except FileNotFoundError:
+        return
+    if not ours:
+        raise InvalidProblemError("exists, and is no planner of nhpocp's; name another", file=str(file))
 
 
 def _header(source: PlannerSource, stem: str) -> str:
@@ -52,6 +75,7 @@ def _header(source: PlannerSource, stem: str) -> str:
     use = f", plan.joints; {name}_at(&plan, t, joints, speeds);" if joints else ";"
     return header_text.HEADER.substitute(
         names,
+        signature=SIGNATURE,
         title=_comment(problem.name),
         model=_comment(problem.system.model),
         stem=_comment(stem),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from string import Template
 
 HEADER = Template("""\
-/* $name: plans motions of $title ($model); written by nhpocp export.
+/* Written by $signature. $name plans motions of $title ($model).
  *
  *   struct ${name}_work work;        $kilobytes kB to work in: static, or wherever there is room; one for each thread
  *   struct ${name}_plan plan;

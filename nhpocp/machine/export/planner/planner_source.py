@@ -257,13 +257,17 @@ class PlannerSource:
         ]
 
 
-HEAD = Template("""\
-/* $header says what this is. What follows is at first CasADi's code of the equations, then the method. */
+SIGNATURE = "nhpocp export --format c-planner"  # in the first line of either file
+HEAD = Template(
+    f"/* Written by {SIGNATURE}; $header says what this is."
+    + """
+ * At first come CasADi's code of the equations and its loops, then numbers, then the method. */
 #include "$header"
 
 #include <math.h>
 
-""")
+"""
+)
 
 
 def words() -> list[str]:
