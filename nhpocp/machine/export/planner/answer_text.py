@@ -95,7 +95,7 @@ void ${name}_rotation_of_rpy(double roll, double pitch, double yaw, double rotat
 JOINTS = Template(r"""
 static void set_joints(struct ${name}_plan *plan, struct ${name}_work *work)
 {
-    sample_controls(&COARSE, plan->coefficients, work->controls);
+    sample_controls(&OWN, plan->coefficients, work->controls);
     for (int s = 0; s < STEPS; ++s) {
         const long long *nodes = NODES + K * s;
         if (s && nodes[0] == nodes[-1])

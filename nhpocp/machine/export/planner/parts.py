@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import cast
 
@@ -15,8 +15,8 @@ from nhpocp.errors import InvalidProblemError
 from nhpocp.flow.dynamics import dynamics
 from nhpocp.flow.end_point_map import DifferentiatedEndPointMap, flow_through
 from nhpocp.flow.integrators import RungeKutta4, RungeKuttaFlow
-from nhpocp.flow.runge_kutta import Scheme, scheme
-from nhpocp.flow.step_error import finer, resolving
+from nhpocp.flow.runge_kutta import Grid, Scheme, scheme
+from nhpocp.flow.step_error import FINER, finer, resolving
 from nhpocp.machine.export.planned_path import motors_of
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Solver
@@ -85,18 +85,24 @@ class Parts:
         """By which what was reached is held against finer steps."""
         return self._flow(cast(RungeKutta4, finer(self.integrator)))
 
+    @cached_property
+    def coarse(self) -> RungeKuttaFlow:
+        """With as much fewer steps."""
+        return self._flow(replace(self.integrator, steps=max(1, self.integrator.steps // FINER)))
+
     def _flow(self, integrator: RungeKutta4) -> RungeKuttaFlow:
         problem = self.problem
         flow = flow_through(problem.system, problem.basis, problem.horizon.fixed, integrator, ())
         return cast(RungeKuttaFlow, flow)
 
     @cached_property
-    def tables(self) -> tuple[Table, Table]:
-        """φ where the steps of either flow see it, both with one width."""
-        tables = self.flow.grid.samples.whole, self.fine.grid.samples.whole
-        if len({table.values.shape[1] for table in tables}) == 1:
-            return tables
-        return tuple(Table(table.dense(), table.size) for table in tables)  # type: ignore[return-value]
+    def grids(self) -> dict[str, tuple[Grid, Table]]:
+        """The grids of the flows by what their names begin with, and φ where their steps see it, all of one width."""
+        grids = {"": self.flow.grid, "FINE_": self.fine.grid, "COARSE_": self.coarse.grid}
+        tables = [grid.samples.whole for grid in grids.values()]
+        if len({table.values.shape[1] for table in tables}) > 1:
+            tables = [Table(table.dense(), table.size) for table in tables]
+        return dict(zip(grids, zip(grids.values(), tables, strict=True), strict=True))
 
     @cached_property
     def scheme(self) -> Scheme:

@@ -13,7 +13,7 @@ from nhpocp import so3
 from nhpocp.controls.table import Gram, Table
 from nhpocp.flow.compiled.c_functions import LANES, Lanes
 from nhpocp.flow.compiled.sweep_source import path_source, slots
-from nhpocp.flow.integrators import RungeKuttaFlow
+from nhpocp.flow.runge_kutta import Grid
 from nhpocp.machine.export.planner import algebra_text, answer_text, loop_text, path_text
 from nhpocp.machine.export.planner.numbers_text import array, defined, enumerated, lines
 from nhpocp.machine.export.planner.parts import Parts
@@ -65,7 +65,7 @@ class PlannerSource:
     def sizes(self) -> dict[str, int]:
         """Of arrays, by the names that the C text has for them."""
         parts, space = self.parts, self.parts.problem.system.state_space
-        steps, fine = len(parts.flow.grid.h), len(parts.fine.grid.h)
+        steps = len(parts.flow.grid.h)
         turns = sum(block.kind == "rotation" and block.name in parts.task.values for block in space.blocks)
         return {
             "FUNCTIONS": parts.problem.basis.size,
@@ -74,11 +74,9 @@ class PlannerSource:
             "FIXED": len(parts.fixed),
             "TURNS": turns,
             "ANGLES": max(1, turns),
-            "STEPS": steps,
-            "SAMPLES": len(parts.flow.grid.samples),
-            "FINE_STEPS": fine,
-            "FINE_SAMPLES": len(parts.fine.grid.samples),
-            "WIDTH": parts.tables[0].values.shape[1],
+            **{f"{prefix}STEPS": len(grid.h) for prefix, (grid, _) in parts.grids.items()},
+            **{f"{prefix}SAMPLES": len(grid.samples) for prefix, (grid, _) in parts.grids.items()},
+            "WIDTH": parts.grids[""][1].values.shape[1],
             "BLOCKS": -(-slots(parts.scheme) * steps // LANES),
             "WINDOW": stop_criteria.STAGNATION_WINDOW,
             "NONE": -1,
@@ -97,10 +95,6 @@ class PlannerSource:
         own_length, l2 = parts.problem.system.own_length, isinstance(parts.method.metric, L2Metric)
         length = "OWN_LENGTH" if own_length else "span(start, goal, LENGTH, ERROR_LENGTH)"
         metric = loop_text.BY_GRAM if l2 else loop_text.BY_COEFFICIENTS
-        first, fine_first = (
-            name if table.first is not None else "0"
-            for name, table in zip(("FIRST", "FINE_FIRST"), parts.tables, strict=True)
-        )
         texts = [
             HEAD,
             path_source(parts.scheme, self._functions),
@@ -118,8 +112,10 @@ class PlannerSource:
             answer_text.ANSWER,
         ]
         pieces = {
-            "first": first,
-            "fine_first": fine_first,
+            **{
+                f"{prefix.lower()}first": "0" if table.first is None else f"{prefix}FIRST"
+                for prefix, (_, table) in parts.grids.items()
+            },
             "surfaces": path_text.SURFACES.substitute(names, determinant=determinant) if breaking else "",
             "look": path_text.LOOK if breaking else "",
             "slopes": path_text.SLOPES if parts.scheme.entries else "",
@@ -214,8 +210,7 @@ class PlannerSource:
         by_l2 = isinstance(parts.method.metric, L2Metric)
         return lines(
             [
-                *_grid("", parts.flow, parts.tables[0]),
-                *_grid("FINE_", parts.fine, parts.tables[1]),
+                *(part for prefix, grid in parts.grids.items() for part in _grid(prefix, *grid)),
                 array("int", "FIXED_AT", parts.fixed, "[FIXED]"),
                 array("int", "POINT_UNITS", [point_units[i] for i in parts.fixed], "[FIXED]"),
                 array("int", "TANGENTS", task.rows, "[ROWS]"),
@@ -275,8 +270,7 @@ def words() -> list[str]:
     return [*(ending.value for ending in ENDINGS), BAD_INPUT]
 
 
-def _grid(prefix: str, flow: RungeKuttaFlow, table: Table) -> list[str]:
-    grid = flow.grid
+def _grid(prefix: str, grid: Grid, table: Table) -> list[str]:
     return [
         array("double", f"{prefix}H", grid.h),
         array("long long", f"{prefix}NODES", grid.nodes.ravel()),
