@@ -2,8 +2,8 @@
 """Times a planner in C against Python's own `auto`, and holds its plans against Python's.
 
 `default`, the paper's start and Λ₀, goals that are end points of Λ₀ plus noise (`reachable_goals`). Each is planned by
-what `nhpocp export --format c-planner` writes, compiled with -O3 -march=native, then by `auto` with compiled kernels, in
-turn and on one core: medians of CPU seconds a plan, and of the ratio goal by goal. The coefficients are held against
+what `nhpocp export --format c-planner` writes, compiled with -O3 -march=native, then by `auto` with compiled kernels,
+in turn and on one core: medians of CPU seconds a plan, and of the ratio goal by goal. The coefficients are held against
 `step_rule: adaptive`, of which a planner is the C text.
 Run: .venv/bin/python scripts/benchmark_c_planner.py [--goals 200] [--repeats 20]
 """
@@ -24,7 +24,7 @@ from compiled_planner import Answer, CompiledPlanner
 from goals import paper_task, reachable_goals
 from measuring import circumstances
 
-from nhpocp.flow.compiled.kernels import Compiled
+from nhpocp.flow.compiled.kernels import Compiled, Kernels
 from nhpocp.flow.integrators import RungeKutta4
 from nhpocp.machine.export.planner.c_planner import write_planner
 from nhpocp.solvers.continuation.auto import Auto
@@ -47,10 +47,10 @@ class Row:
     seconds: float
 
 
-def compared(count: int, repeats: int) -> list[Row]:
-    """So many goals, one after another."""
+def compared(count: int, repeats: int, kernels: Kernels) -> list[Row]:
+    """So many goals, one after another; kernels: Python's."""
     problem = paper_task("default")
-    method = Continuation(step_rule=Adaptive(), integrator=RungeKutta4(kernels=Compiled()))
+    method = Continuation(step_rule=Adaptive(), integrator=RungeKutta4(kernels=kernels))
     auto, rows = Auto(method), []
     with tempfile.TemporaryDirectory() as folder:
         source = Path(folder) / "planner.c"
@@ -69,17 +69,8 @@ def compared(count: int, repeats: int) -> list[Row]:
     return rows
 
 
-def main(words: list[str] | None = None) -> int:
+def report(rows: list[Row]) -> int:
     """0 where every plan is Python's; times are said, and no verdict."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--goals", type=int, default=200)
-    parser.add_argument(
-        "--repeats", type=int, default=20, help="of a plan in C, whose clock has steps of 1 µs"
-    )
-    asked = parser.parse_args(words)
-    rows = compared(asked.goals, asked.repeats)
     endings = Counter((row.answer.status, row.outcome) for row in rows)
     worst = max(row.difference for row in rows)
     ours, others = (
@@ -88,7 +79,7 @@ def main(words: list[str] | None = None) -> int:
     ratio = median(row.seconds / row.answer.seconds for row in rows)
     where = circumstances()
     print(
-        f"{asked.goals} goals; {where['processor']}, {where['compiler']}, load {where['load']}, {where['date']}"
+        f"{len(rows)} goals; {where['processor']}, {where['compiler']}, load {where['load']}, {where['date']}"
     )
     print(
         "  endings in C, in Python: "
@@ -105,4 +96,12 @@ def main(words: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--goals", type=int, default=200)
+    parser.add_argument(
+        "--repeats", type=int, default=20, help="of a plan in C, whose clock has steps of 1 µs"
+    )
+    asked = parser.parse_args()
+    sys.exit(report(compared(asked.goals, asked.repeats, Compiled())))
