@@ -92,6 +92,7 @@ def _header(source: PlannerSource, stem: str) -> str:
             f" *   {space.point_slice(block.name).start}: {_comment(block.name)}, {_written(block)}"
             for block in space.blocks
         ),
+        held=header_text.HELD if problem.system.invariants(problem.start_point) else "",
         inputs="\n".join(f" *   {i}: {_comment(label)}" for i, label in enumerate(inputs.labels)),
         functions=", ".join(map(_comment, problem.basis.labels)),
         size=space.size,

@@ -12,16 +12,16 @@ HEADER = Template("""\
  *   if (${name}_solve(start, goal, 0, &plan, &work) == ${upper}_CONVERGED)
  *       ... plan.coefficients$example_use
  *
- * It takes the way of nhpocp's Jacobian method with $rule, $steps steps of RK4 over
- * the horizon ($horizon [$time]) and the tolerance $tolerance, and gives the same coefficients. Nothing is allocated
- * or kept between calls; at most ${upper}_EVALUATIONS controls are tried. C99, needs libm:
+ * It takes the way of nhpocp's Jacobian method with $rule, $steps steps of RK4 over the horizon
+ * ($horizon [$time]) and the tolerance $tolerance, and gives the same coefficients. Nothing is allocated or kept between
+ * calls; at most ${upper}_EVALUATIONS controls are tried. C99, needs libm:
  *
  *   cc -O3 -march=native -c $stem.c
- *   cc -O3 -march=native -D${upper}_EXAMPLE $stem.c -lm && ./a.out        plans the problem of the file
+ *   cc -O3 -march=native -D${upper}_EXAMPLE $stem.c -lm && ./a.out        (plans the problem of the file)
  *
  * A pose is ${upper}_STATE numbers [length: $length, angle: rad]:
-$state
- * A control is ${upper}_INPUTS inputs times ${upper}_FUNCTIONS coefficients, row by row. The inputs [unit over $time]:
+$state$held
+ * A control is ${upper}_INPUTS inputs times ${upper}_FUNCTIONS coefficients, row by row. The inputs, units over $time:
 $inputs
  * over the functions $functions. */
 #ifndef ${upper}_H
@@ -110,3 +110,6 @@ ROTATIONS = Template("""
 void ${name}_rotation_of_rpy(double roll, double pitch, double yaw, double rotation[9]);
 void ${name}_rotation_of_quaternion(double w, double x, double y, double z, double rotation[9]);
 """)
+
+HELD = """
+ * What the machine's joints hold has to be so at the start: that is not looked at."""
