@@ -13,8 +13,8 @@ HEADER = Template("""\
  *       ... plan.coefficients$example_use
  *
  * It takes the way of nhpocp's Jacobian method with $rule, $steps steps of RK4 over the horizon
- * ($horizon [$time]) and the tolerance $tolerance, and gives the same coefficients. Nothing is allocated or kept between
- * calls; at most ${upper}_EVALUATIONS controls are tried. C99, needs libm:
+ * ($horizon [$time]) and the tolerance $tolerance, and gives the same coefficients. Nothing is allocated or kept
+ * between calls; at most ${upper}_EVALUATIONS controls are tried. C99, needs libm:
  *
  *   cc -O3 -march=native -c $stem.c
  *   cc -O3 -march=native -D${upper}_EXAMPLE $stem.c -lm && ./a.out        (plans the problem of the file)
