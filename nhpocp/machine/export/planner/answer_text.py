@@ -184,8 +184,6 @@ $names
 }
 
 #ifdef ${upper}_EXAMPLE
-#include <stdio.h>
-
 /* The file's own problem: the status, and a row of coefficients for each input. */
 int main(void)
 {

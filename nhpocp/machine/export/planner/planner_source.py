@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from string import Template
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from nhpocp.outcome import Outcome
 from nhpocp.planning import ON_THE_SURFACE
 from nhpocp.scales import LEAST
 from nhpocp.solvers.continuation import stop_criteria, trust_region
+from nhpocp.solvers.continuation.generalized_inverses import MoorePenrose
 from nhpocp.solvers.continuation.singularity_crossings import SINGULAR, SINGULAR_BELOW
 from nhpocp.solvers.continuation.step_rules import Adaptive
 from nhpocp.solvers.metrics import L2Metric
@@ -84,17 +85,7 @@ class PlannerSource:
 
     def text(self) -> str:
         """All of it."""
-        names = {"name": self.name, "upper": self.name.upper(), "header": self.header}
-        parts, breaking, separating = self.parts, self.parts.breaking, self.parts.separating
-        eliminated = bool(separating) or any(surface.size > EXPANDED for surface in breaking)
-        rotations, joints = self._rotations, bool(parts.joint_labels)
-        lost = "approached(work)" if breaking else f"{names['upper']}_NOT_FINITE"
-        crossing_or_lost = f"place->crossing != NONE ? place->crossing : {lost}" if breaking else lost
-        one = "determinant(SURFACE_SIZE[which], numbers)"
-        determinant = f"SURFACE_SIZE[which] > EXPANDED ? {one} : *numbers" if eliminated else "*numbers"
-        own_length, l2 = parts.problem.system.own_length, isinstance(parts.method.metric, L2Metric)
-        length = "OWN_LENGTH" if own_length else "span(start, goal, LENGTH, ERROR_LENGTH)"
-        metric = loop_text.BY_GRAM if l2 else loop_text.BY_COEFFICIENTS
+        parts, eliminated = self.parts, self._eliminated
         texts = [
             HEAD,
             path_source(parts.scheme, self._functions),
@@ -105,35 +96,61 @@ class PlannerSource:
             path_text.PATH,
             loop_text.SCALES,
             loop_text.LOOP,
-            answer_text.COMPONENTS if separating else "",
-            answer_text.GROUP if rotations else "",
-            answer_text.ROTATIONS if rotations else "",
-            answer_text.JOINTS if joints else "",
+            answer_text.COMPONENTS if parts.separating else "",
+            *((answer_text.GROUP, answer_text.ROTATIONS) if self._rotations else ()),
+            answer_text.JOINTS if parts.joint_labels else "",
             answer_text.ANSWER,
         ]
-        pieces = {
+        names, pieces = self._names, self._pieces
+        return "".join(
+            each.substitute(names, **pieces) if isinstance(each, Template) else each for each in texts
+        )
+
+    @property
+    def _names(self) -> dict[str, str]:
+        return {"name": self.name, "upper": self.name.upper(), "header": self.header}
+
+    @property
+    def _eliminated(self) -> bool:
+        """Whether a determinant is found by elimination."""
+        large = any(surface.size > EXPANDED for surface in self.parts.breaking)
+        return large or bool(self.parts.separating)
+
+    @property
+    def _pieces(self) -> dict[str, str]:
+        """What stands in the texts where problems differ."""
+        parts, names, upper = self.parts, self._names, self.name.upper()
+        lost = "approached(work)" if parts.breaking else f"{upper}_NOT_FINITE"
+        crossing = "place->crossing != NONE ? place->crossing : " if parts.breaking else ""
+        by_pivots = "SURFACE_SIZE[which] > EXPANDED ? determinant(SURFACE_SIZE[which], numbers) : "
+        surfaces = path_text.SURFACES.substitute(
+            names, determinant=f"{by_pivots if self._eliminated else ''}*numbers"
+        )
+        own_length = parts.problem.system.own_length
+        return {
             **{
                 f"{prefix.lower()}first": "0" if table.first is None else f"{prefix}FIRST"
                 for prefix, (_, table) in parts.grids.items()
             },
-            "surfaces": path_text.SURFACES.substitute(names, determinant=determinant) if breaking else "",
-            "look": path_text.LOOK if breaking else "",
+            "surfaces": surfaces if parts.breaking else "",
+            "look": path_text.LOOK if parts.breaking else "",
             "slopes": path_text.SLOPES if parts.scheme.entries else "",
-            "lost": crossing_or_lost,
+            "lost": f"{crossing}{lost}",
             "lost_here": lost,
-            "length": length,
-            "common_unit": loop_text.COMMON_UNIT if l2 else "",
-            "metric": metric,
-            "group": answer_text.GROUP_CHECK.substitute(names) if rotations else "",
-            "apart": answer_text.APART_CHECK.substitute(names) if separating else "",
-            "set_joints": "\n    set_joints(plan, work);" if joints else "",
+            "length": "OWN_LENGTH" if own_length else "span(start, goal, LENGTH, ERROR_LENGTH)",
+            "common_unit": loop_text.COMMON_UNIT if self._by_l2 else "",
+            "metric": loop_text.BY_GRAM if self._by_l2 else loop_text.BY_COEFFICIENTS,
+            "group": answer_text.GROUP_CHECK.substitute(names) if self._rotations else "",
+            "apart": answer_text.APART_CHECK.substitute(names) if parts.separating else "",
+            "set_joints": "\n    set_joints(plan, work);" if parts.joint_labels else "",
             "names": "\n".join(
-                f'    case {names["upper"]}_{word.upper()}:\n        return "{word}";' for word in words()
+                f'    case {upper}_{word.upper()}:\n        return "{word}";' for word in words()
             ),
         }
-        return "".join(
-            each.substitute(names, **pieces) if isinstance(each, Template) else each for each in texts
-        )
+
+    @property
+    def _by_l2(self) -> bool:
+        return isinstance(self.parts.method.metric, L2Metric)
 
     @property
     def _rotations(self) -> list[int]:
@@ -156,8 +173,7 @@ class PlannerSource:
         """Numbers of the method, each where Python has it."""
         parts = self.parts
         problem, region = parts.problem, trust_region
-        rule = parts.method.step_rule
-        assert isinstance(rule, Adaptive)  # `Parts.of` has seen to it
+        rule, inverse = cast(Adaptive, parts.method.step_rule), cast(MoorePenrose, parts.method.inverse)
         constants = {
             "NUMBER": 0,
             "LENGTH": 1,
@@ -167,7 +183,7 @@ class PlannerSource:
             "LEAST_SPAN": LEAST,
             "TIME": problem.scales.time,
             "HALF_TURN": np.pi - HALF_TURN_WITHIN,
-            "RANK": parts.method.inverse.rank_tolerance,  # type: ignore[attr-defined]
+            "RANK": inverse.rank_tolerance,
             "FIRST_RADIUS": rule.first_radius,
             **{
                 name: getattr(region, name)
@@ -191,7 +207,7 @@ class PlannerSource:
             "APART": max(1, sum(each.size**2 for each in parts.separating)),
             "ROTATIONS": len(self._rotations),
         }
-        if isinstance(parts.method.metric, L2Metric):
+        if self._by_l2:
             constants["ROOT_OF_HORIZON"] = float(np.sqrt(problem.horizon.fixed))
         return constants
 
@@ -207,7 +223,6 @@ class PlannerSource:
             for each in parts.separating
             for scale in each.size * list(problem.system.column_scales(each.name, problem.scale))
         ]
-        by_l2 = isinstance(parts.method.metric, L2Metric)
         return lines(
             [
                 *(part for prefix, grid in parts.grids.items() for part in _grid(prefix, *grid)),
@@ -231,7 +246,7 @@ class PlannerSource:
                 else "",
                 array("double", "COLUMN_SCALES", scales) if scales else "",
                 array("int", "ROTATION_AT", self._rotations) if self._rotations else "",
-                array("double", "GRAM_ROOT", _root(problem), "[FUNCTIONS][FUNCTIONS]") if by_l2 else "",
+                array("double", "GRAM_ROOT", _root(problem), "[FUNCTIONS][FUNCTIONS]") if self._by_l2 else "",
                 *self._given,
             ]
         )
@@ -260,6 +275,9 @@ HEAD = Template(
 #include "$header"
 
 #include <math.h>
+#ifdef ${upper}_EXAMPLE
+#include <stdio.h>
+#endif
 
 """
 )
