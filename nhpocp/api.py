@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from nhpocp.batch import Plan
     from nhpocp.comparison import Comparison, Entry, Run
     from nhpocp.flow.simulation import Motion
+    from nhpocp.machine.calibration.calibration import Calibration
     from nhpocp.machine.feedback.plant import Plant
     from nhpocp.machine.feedback.steering import Steered
     from nhpocp.study.sweep import Tally
@@ -177,6 +178,37 @@ def steer(
 
     steering = Steering(tolerance, cycles, objective, duration, patience, rate=rate)
     return steering.run(_problem(problem), plant)
+
+
+def calibrate(
+    problem: PlanningProblem | Named,
+    runs: Sequence[Mapping[str, Any] | Named],
+    fit: str | Sequence[str] | None = None,
+    noise: str | Sequence[float] | None = None,
+) -> Calibration:
+    """Fits the parameters of a problem's robot to what was measured of one or several runs, all at once.
+
+    problem: a `PlanningProblem`, or the name of its file. runs: each a CSV file as `nhpocp calibrate` reads, or arrays
+    by the names of a solution's trajectory, samples first: "t" (samples,) [time], "position" (samples, 3) [length],
+    "orientation" (samples, 3, 3), NaN where no pose was measured, "leg_lengths" (samples, motors) [length]. fit: names,
+    such as "base_radius,roller_tilt[each],base[1].x"; None: the robot's shape, or all joints of unlike legs. noise:
+    standard deviations of positions [length], angles [rad] and leg lengths [length]; None: estimated from residuals.
+    `Calibration` has `fitted`, `outcome`, `message`, `estimates` with standard deviations, `directions` with singular
+    values, `system` with the fitted parameters, and `doubts`. What no run sees stays as it is, and is named.
+    Errors: `InvalidProblemError` for names or runs that are none, with file and line; `CallError` for what are no runs.
+    """
+    from nhpocp.machine.calibration.calibration import Calibrating
+    from nhpocp.measured_table import read_measurements
+
+    single = isinstance(runs, Mapping | str | os.PathLike)
+    if single or not isinstance(runs, Iterable):
+        hint = "; write [run] for a single one" if single else ""
+        raise CallError(f"expected several runs, got {describe(runs)}{hint}", path="runs")
+    calibrating = Calibrating.of(_problem(problem), fit, noise)
+    system = calibrating.unknowns.system
+    return calibrating.run(
+        [read_measurements(Path(run), system) if isinstance(run, str | os.PathLike) else run for run in runs]
+    )
 
 
 def analyze(

@@ -1,0 +1,283 @@
+"""A robot's parameters from what was measured of its runs, with how well each is seen."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import Any
+
+import numpy as np
+
+from nhpocp.arrays import Array
+from nhpocp.errors import CallError, InvalidProblemError, describe
+from nhpocp.interruption import STOPPED, Interruption
+from nhpocp.machine.calibration.fitting import Fit, Fitted, Model
+from nhpocp.machine.calibration.identifiability import UNSEEN, Direction, correlations, directions
+from nhpocp.machine.calibration.leg_driven_steps import LegDrivenSteps
+from nhpocp.machine.calibration.measurements import Measurements, measured
+from nhpocp.machine.calibration.noise import LEAST, Noise, kinds_of
+from nhpocp.machine.calibration.noise_estimation import estimate_noise
+from nhpocp.machine.calibration.unknowns import OFFSET, Unknown, Unknowns
+from nhpocp.problem import PlanningProblem
+from nhpocp.systems.system import System
+
+SUSPECT = 0.5  # correlation of neighbouring residuals from which they are no noise
+LARGER = 1.5  # times the noise that was stated: such residuals are no noise
+
+
+class Ending(Enum):
+    """How a calibration can end."""
+
+    FITTED = "fitted"  # everything that was asked for is seen
+    NOT_SEEN = "not_seen"  # some of it is not, and stays where the model has it
+    NOT_CONVERGED = "not_converged"
+    INTERRUPTED = "interrupted"
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One parameter: before, value, deviation [its unit], and whether the deviation is less than it may be.
+
+    deviation: standard, of the estimate. seen: whether it is below a tenth of the platform's arms, or of a radian.
+    """
+
+    unknown: Unknown
+    value: float
+    deviation: float
+    seen: bool
+
+    @property
+    def name(self) -> str:
+        return self.unknown.name
+
+    @property
+    def before(self) -> float:
+        return self.unknown.value
+
+
+@dataclass(frozen=True)
+class Residuals:
+    """Measured less predicted of one run, (k, d + m): before, with the model's parameters, and after, with the fitted.
+
+    Of both the motion fits as well as it can. Poses that were not measured are NaN.
+    """
+
+    run: Measurements
+    before: Array
+    after: Array
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """What was fitted.
+
+    problem: as it was. system: with the fitted parameters; None where they make no robot. outcome: an `Ending`.
+    message: the same in a sentence. estimates: one a parameter, `Estimate`. covariance: (n, n) of them, in their
+    order. directions: of the parameters, each with its singular value, the best seen first; the last of them may not be
+    seen. noise: standard deviations, ``stated`` or estimated. residuals: one a run. variance: of a residual divided by
+    the noise, 1 where that is right. changes: parameters of the system that differ, plain data. doubts: sentences.
+    """
+
+    problem: PlanningProblem
+    system: System | None
+    outcome: Ending
+    message: str
+    estimates: tuple[Estimate, ...]
+    covariance: Array
+    directions: tuple[Direction, ...]
+    noise: Noise
+    stated: bool
+    residuals: tuple[Residuals, ...]
+    variance: float
+    changes: Mapping[str, Any]
+    doubts: tuple[str, ...] = field(default=())
+
+    def __repr__(self) -> str:
+        shown = ", ".join(f"{e.name} {e.value:.6g} ± {e.deviation:.1g}" for e in self.estimates)
+        return f"<Calibration {self.outcome.value}: {shown}>"
+
+    @property
+    def fitted(self) -> bool:
+        """Whether it converged and everything that was asked for is seen."""
+        return self.outcome is Ending.FITTED
+
+    def __getitem__(self, name: str) -> Estimate:
+        """The estimate of a parameter by its name."""
+        return {each.name: each for each in self.estimates}[name]
+
+    def size(self, kind: int, after: bool = True) -> float:
+        """Root of the mean square of the residuals of a kind of `KINDS` [its unit]."""
+        rows = kinds_of(self.problem.system) == kind  # type: ignore[arg-type]
+        tables = [(each.after if after else each.before)[:, rows] for each in self.residuals]
+        return float(np.sqrt(np.nanmean(np.concatenate([table.ravel() for table in tables]) ** 2)))
+
+
+@dataclass(frozen=True)
+class Calibrating:
+    """What is fitted of a problem's robot, with its equations made once, for any number of calibrations.
+
+    noise: as stated; None: it is estimated from the residuals.
+    """
+
+    problem: PlanningProblem
+    equations: LegDrivenSteps
+    noise: Noise | None = None
+
+    @classmethod
+    def of(
+        cls, problem: PlanningProblem, fit: str | Sequence[str] | None = None, noise: Any = None
+    ) -> Calibrating:
+        """Errors: `InvalidProblemError` for a name that is none, a noise that is none, a system without legs."""
+        unknowns = Unknowns.parsed(fit, problem.system)
+        stated = None if noise is None else noise if isinstance(noise, Noise) else Noise.parsed(noise)
+        return cls(problem, LegDrivenSteps(unknowns), stated)
+
+    @property
+    def unknowns(self) -> Unknowns:
+        return self.equations.unknowns
+
+    def run(self, runs: Sequence[Mapping[str, Any] | Measurements]) -> Calibration:
+        """From what was measured, a mapping of arrays or `Measurements` a run.
+
+        Ctrl-C ends it as `interrupted`, with what it has. Errors: `InvalidProblemError` for runs that are none.
+        """
+        if isinstance(runs, Mapping | str) or not isinstance(runs, Sequence) or not runs:
+            hint = "; write [run] for a single one" if isinstance(runs, Mapping) else ""
+            raise CallError(f"expected several runs, got {describe(runs)}{hint}", path="runs")
+        system = self.unknowns.system
+        taken = [measured(run, system, f"run {i}") for i, run in enumerate(runs, 1)]
+        fit = Fit(self.equations, taken, self.noise or Noise.likely(system))
+        here = fit.begin()
+        with Interruption() as interruption:
+            here, model, outcome, message = self._settled(fit, here, interruption.check)
+            before = self._before(fit, taken, interruption.check)
+        return self._judged(fit, here, model, outcome, message, before)
+
+    def _settled(
+        self, fit: Fit, here: Fitted, check: Callable[[], None]
+    ) -> tuple[Fitted, Model, Ending, str]:
+        """Fitted, the noise estimated, and fitted with that."""
+        least = Noise.likely(self.unknowns.system, LEAST)
+        model, converged = fit.model(here), False
+        try:
+            here, model, converged = fit.run(here, check)
+            if converged and self.noise is None:
+                here, model, converged = fit.run(estimate_noise(fit, here, model, least, check), check)
+        except KeyboardInterrupt:
+            return here, model, Ending.INTERRUPTED, f"{STOPPED}; the parameters are those of the last step"
+        if not converged:
+            words = f"the sum of squares could not be made less step by step; {self._worst(fit, here)}"
+            return here, model, Ending.NOT_CONVERGED, words
+        return here, model, Ending.FITTED, "Everything that was asked for is seen"
+
+    def _worst(self, fit: Fit, here: Fitted) -> str:
+        """Where the model is furthest from what was measured."""
+        scatter = fit.noise.of_rows(fit.kinds)
+        sizes = [np.linalg.norm(each.residuals / scatter, axis=1) for each in here.seen]
+        i = int(np.argmax([size.max() for size in sizes]))
+        time = fit.runs[i].times[int(np.argmax(sizes[i]))]
+        return (
+            f"measurements and model are furthest apart in {fit.runs[i].name} at t={time:.4g}; a machine that passes a "
+            "singular pose, or slips, is not described by any parameters"
+        )
+
+    def _before(self, fit: Fit, runs: Sequence[Measurements], check: Callable[[], None]) -> list[Array]:
+        """Residuals of the model as it was, its motions fitted."""
+        alone = Fit(self.equations, runs, fit.noise, fixed=True)
+        here = alone.begin()
+        with suppress(KeyboardInterrupt):
+            here = alone.run(here, check)[0]
+        return [each.residuals for each in here.seen]
+
+    def _judged(
+        self, fit: Fit, here: Fitted, model: Model, outcome: Ending, message: str, before: list[Array]
+    ) -> Calibration:
+        unknowns, covariance = self.unknowns, model.covariance
+        deviations = np.sqrt(np.diag(covariance))
+        estimates = tuple(
+            Estimate(unknown, float(value), float(deviation), bool(deviation <= UNSEEN * scale))
+            for unknown, value, deviation, scale in zip(
+                unknowns.every, here.values, deviations, unknowns.scales, strict=True
+            )
+        )
+        along = directions(model.information, unknowns.scales, unknowns.names)
+        unseen = [each for each in along if not each.seen]
+        if outcome is Ending.FITTED and (unseen or not all(each.seen for each in estimates)):
+            outcome = Ending.NOT_SEEN
+            message = "; ".join(each.words for each in unseen) or "some of it is not seen well enough"
+        system, changes, wrong = None, {}, ""
+        try:
+            changes = unknowns.changes(here.values)
+            system = unknowns.fitted(here.values)
+        except InvalidProblemError as error:
+            outcome, wrong = Ending.NOT_CONVERGED, f"no robot has these parameters: {error}; "
+        there = [run.posed for run in fit.runs]
+        tables = [
+            (self._gaps(old, posed), self._gaps(seen.residuals, posed))
+            for old, seen, posed in zip(before, here.seen, there, strict=True)
+        ]
+        variance = self._variance(fit, here, len(unknowns))
+        return Calibration(
+            problem=self.problem,
+            system=system,
+            outcome=outcome,
+            message=f"{wrong}{message}.",
+            estimates=estimates,
+            covariance=covariance,
+            directions=tuple(along),
+            noise=fit.noise,
+            stated=self.noise is not None,
+            residuals=tuple(Residuals(run, *pair) for run, pair in zip(fit.runs, tables, strict=True)),
+            variance=variance,
+            changes=changes,
+            doubts=tuple(self._doubts(fit, here, covariance, variance)),
+        )
+
+    def _gaps(self, residuals: Array, posed: Array) -> Array:
+        table = np.array(residuals)
+        table[~posed, : self.equations.dimension] = np.nan
+        return table
+
+    def _variance(self, fit: Fit, here: Fitted, count: int) -> float:
+        """The sum of squares over how many numbers there are, less how many were fitted to them."""
+        d, m = self.equations.dimension, self.equations.motors
+        scatter = fit.noise.of_rows(fit.kinds)
+        squares = sum(float(np.sum((each.residuals / scatter) ** 2)) for each in here.seen)
+        numbers = sum(d * run.posed.sum() + m * len(run.times) for run in fit.runs)
+        fitted = count + sum(d + m * (len(run.times) - 1) for run in fit.runs)
+        return squares / max(1.0, float(numbers - fitted))
+
+    def _doubts(self, fit: Fit, here: Fitted, covariance: Array, variance: float) -> list[str]:
+        found = [
+            f"the errors of {one} and {other} go together (correlation {value:+.3f})"
+            for one, other, value in correlations(covariance, self.unknowns.names)
+        ]
+        if self.noise is not None and variance > LARGER**2:
+            found.append(
+                f"the residuals are {np.sqrt(variance):.2g} times as large as the noise that was stated, so that the "
+                "standard deviations are too small"
+            )
+        neighbours = self._neighbours(fit, here)
+        if neighbours > SUSPECT:
+            offset = any(each.kind == OFFSET for each in self.unknowns.every)
+            more = "" if offset else f"; encoders that were set to something else are fitted with {OFFSET}"
+            found.append(
+                f"the residuals are no noise (neighbours correlate by {neighbours:.2f}): the machine does something "
+                f"that these parameters do not describe, and the standard deviations are too small{more}"
+            )
+        thinned = [run for run in fit.runs if run.every > 1]
+        return [
+            *found,
+            *(f"{run.name} is long: each {run.every}th sample was used" for run in thinned),
+        ]
+
+    def _neighbours(self, fit: Fit, here: Fitted) -> float:
+        """Correlation of residuals with those of the next sample."""
+        scatter, both, alone = fit.noise.of_rows(fit.kinds), 0.0, 0.0
+        for seen in here.seen:
+            white = seen.residuals / scatter
+            both += float(np.sum(white[1:] * white[:-1]))
+            alone += float(0.5 * (np.sum(white[1:] ** 2) + np.sum(white[:-1] ** 2)))
+        return both / alone if alone > 0 else 0.0
