@@ -92,7 +92,8 @@ def _overrides(system: System, changes: Mapping[str, Any]) -> list[str]:
 def to_json(calibration: Calibration) -> Any:
     """calibration.json as plain data; lengths in the problem's unit, angles in radians."""
     names = [each.name for each in calibration.estimates]
-    close = correlations(calibration.covariance, names)
+    seen = {each.name for each in calibration.estimates if each.seen}
+    close = [pair for pair in correlations(calibration.covariance, names) if seen.issuperset(pair[:2])]
     units = calibration.problem.units
     return plain(
         {

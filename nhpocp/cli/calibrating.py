@@ -103,9 +103,9 @@ def _tell(calibration: Calibration, home: Path) -> None:
 
 def _numbers(each: Estimate) -> str:
     """Before, fitted and deviation; angles in radians and degrees."""
-    said = "" if each.seen else "  not seen"
-    row = f"{each.before:<12.8g}  {each.value:<12.8g}  {each.deviation:<.2g}"
+    deviation = f"{each.deviation:.2g}" if each.seen else "not seen"
+    row = f"{each.before:<12.8g}  {each.value:<12.8g}  {deviation}"
     if each.unknown.unit != "angle":
-        return f"{row}{said}"
-    angles = (degrees(value) for value in (each.before, each.value, each.deviation))
-    return f"{row}{said}  ({'; '.join(f'{angle:.7g}' for angle in angles)} deg)"
+        return row
+    angles = [f"{degrees(each.before):.7g}", f"{degrees(each.value):.7g}"]
+    return f"{row}  ({'; '.join([*angles, f'{degrees(each.deviation):.2g}'][: 3 if each.seen else 2])} deg)"

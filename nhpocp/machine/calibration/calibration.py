@@ -14,16 +14,17 @@ from nhpocp.arrays import Array
 from nhpocp.errors import CallError, InvalidProblemError, describe
 from nhpocp.interruption import STOPPED, Interruption
 from nhpocp.machine.calibration.fitting import Fit, Fitted, Model
-from nhpocp.machine.calibration.identifiability import UNSEEN, Direction, correlations, directions
+from nhpocp.machine.calibration.identifiability import Direction, correlations, directions, unseen_words
 from nhpocp.machine.calibration.leg_driven_steps import LegDrivenSteps
 from nhpocp.machine.calibration.measurements import Measurements, measured
 from nhpocp.machine.calibration.noise import LEAST, Noise, kinds_of
-from nhpocp.machine.calibration.noise_estimation import estimate_noise
+from nhpocp.machine.calibration.noise_estimation import estimate_noise, noise_by_differences
 from nhpocp.machine.calibration.unknowns import OFFSET, Unknown, Unknowns
 from nhpocp.problem import PlanningProblem
 from nhpocp.systems.system import System
 
 SUSPECT = 0.5  # correlation of neighbouring residuals from which they are no noise
+LEFT = 0.1  # of the variance that noise has: less is rounding
 LARGER = 1.5  # times the noise that was stated: such residuals are no noise
 
 
@@ -38,9 +39,10 @@ class Ending(Enum):
 
 @dataclass(frozen=True)
 class Estimate:
-    """One parameter: before, value, deviation [its unit], and whether the deviation is less than it may be.
+    """One parameter: before, value, and its standard deviation [its unit].
 
-    deviation: standard, of the estimate. seen: whether it is below a tenth of the platform's arms, or of a radian.
+    seen: whether the data say what it is; where they do not, the deviation is NaN, and the value has changed only as
+    far as those of others did with which it is seen together.
     """
 
     unknown: Unknown
@@ -148,29 +150,43 @@ class Calibrating:
             raise CallError(f"expected several runs, got {describe(runs)}{hint}", path="runs")
         system = self.unknowns.system
         taken = [measured(run, system, f"run {i}") for i, run in enumerate(runs, 1)]
-        fit = Fit(self.equations, taken, self.noise or Noise.likely(system))
-        here = fit.begin()
+        least = Noise.likely(system, LEAST)
+        fit = Fit(self.equations, taken, self.noise or noise_by_differences(taken, system, least))
+        fit.held = self._unseen(fit, fit.foreseen())
         with Interruption() as interruption:
-            here, model, outcome, message = self._settled(fit, here, interruption.check)
+            here, model, outcome, message = self._settled(fit, least, interruption.check)
             before = self._before(fit, taken, interruption.check)
         return self._judged(fit, here, model, outcome, message, before)
 
     def _settled(
-        self, fit: Fit, here: Fitted, check: Callable[[], None]
+        self, fit: Fit, least: Noise, check: Callable[[], None]
     ) -> tuple[Fitted, Model, Ending, str]:
         """Fitted, the noise estimated, and fitted with that."""
-        least = Noise.likely(self.unknowns.system, LEAST)
+        here = fit.begin()
         model, converged = fit.model(here), False
         try:
-            here, model, converged = fit.run(here, check)
-            if converged and self.noise is None:
-                here, model, converged = fit.run(estimate_noise(fit, here, model, least, check), check)
+            for _ in range(len(self.unknowns) + 1):
+                here, model, converged = fit.run(here, check)
+                if converged and self.noise is None:
+                    here, model, converged = fit.run(estimate_noise(fit, here, model, least, check), check)
+                unseen = self._unseen(fit, model)
+                if not converged or len(unseen) <= len(fit.held):
+                    break
+                fit.held = unseen
+                here = fit.begin()
         except KeyboardInterrupt:
             return here, model, Ending.INTERRUPTED, f"{STOPPED}; the parameters are those of the last step"
         if not converged:
             words = f"the sum of squares could not be made less step by step; {self._worst(fit, here)}"
             return here, model, Ending.NOT_CONVERGED, words
-        return here, model, Ending.FITTED, "Everything that was asked for is seen"
+        return here, model, Ending.FITTED, "everything that was asked for is seen"
+
+    def _unseen(self, fit: Fit, model: Model) -> Array:
+        vectors = [each.vector for each in self._directions(fit, model) if not each.seen]
+        return np.array(vectors).reshape(len(vectors), len(self.unknowns))
+
+    def _directions(self, fit: Fit, model: Model) -> list[Direction]:
+        return directions(model.information, self.unknowns.scales, self.unknowns.names, fit.samples)
 
     def _worst(self, fit: Fit, here: Fitted) -> str:
         """Where the model is furthest from what was measured."""
@@ -196,17 +212,21 @@ class Calibrating:
     ) -> Calibration:
         unknowns, covariance = self.unknowns, model.covariance
         deviations = np.sqrt(np.diag(covariance))
-        estimates = tuple(
-            Estimate(unknown, float(value), float(deviation), bool(deviation <= UNSEEN * scale))
-            for unknown, value, deviation, scale in zip(
-                unknowns.every, here.values, deviations, unknowns.scales, strict=True
-            )
-        )
-        along = directions(model.information, unknowns.scales, unknowns.names)
+        along = self._directions(fit, model)
         unseen = [each for each in along if not each.seen]
-        if outcome is Ending.FITTED and (unseen or not all(each.seen for each in estimates)):
+        lost = {name for each in unseen for name, _ in each.parts}
+        estimates = tuple(
+            Estimate(
+                unknown,
+                float(value),
+                np.nan if unknown.name in lost else float(deviation),
+                unknown.name not in lost,
+            )
+            for unknown, value, deviation in zip(unknowns.every, here.values, deviations, strict=True)
+        )
+        if outcome is Ending.FITTED and unseen:
             outcome = Ending.NOT_SEEN
-            message = "; ".join(each.words for each in unseen) or "some of it is not seen well enough"
+            message = f"{unseen_words(along, unknowns.names)}; it stays as the model has it"
         system, changes, wrong = None, {}, ""
         try:
             changes = unknowns.changes(here.values)
@@ -223,7 +243,7 @@ class Calibrating:
             problem=self.problem,
             system=system,
             outcome=outcome,
-            message=f"{wrong}{message}.",
+            message=_sentence(f"{wrong}{message}"),
             estimates=estimates,
             covariance=covariance,
             directions=tuple(along),
@@ -232,7 +252,7 @@ class Calibrating:
             residuals=tuple(Residuals(run, *pair) for run, pair in zip(fit.runs, tables, strict=True)),
             variance=variance,
             changes=changes,
-            doubts=tuple(self._doubts(fit, here, covariance, variance)),
+            doubts=tuple(self._doubts(fit, here, covariance, variance, lost)),
         )
 
     def _gaps(self, residuals: Array, posed: Array) -> Array:
@@ -249,10 +269,13 @@ class Calibrating:
         fitted = count + sum(d + m * (len(run.times) - 1) for run in fit.runs)
         return squares / max(1.0, float(numbers - fitted))
 
-    def _doubts(self, fit: Fit, here: Fitted, covariance: Array, variance: float) -> list[str]:
+    def _doubts(
+        self, fit: Fit, here: Fitted, covariance: Array, variance: float, lost: set[str]
+    ) -> list[str]:
         found = [
             f"the errors of {one} and {other} go together (correlation {value:+.3f})"
             for one, other, value in correlations(covariance, self.unknowns.names)
+            if one not in lost and other not in lost
         ]
         if self.noise is not None and variance > LARGER**2:
             found.append(
@@ -260,7 +283,7 @@ class Calibrating:
                 "standard deviations are too small"
             )
         neighbours = self._neighbours(fit, here)
-        if neighbours > SUSPECT:
+        if neighbours > SUSPECT and variance > LEFT:
             offset = any(each.kind == OFFSET for each in self.unknowns.every)
             more = "" if offset else f"; encoders that were set to something else are fitted with {OFFSET}"
             found.append(
@@ -281,3 +304,9 @@ class Calibrating:
             both += float(np.sum(white[1:] * white[:-1]))
             alone += float(0.5 * (np.sum(white[1:] ** 2) + np.sum(white[:-1] ** 2)))
         return both / alone if alone > 0 else 0.0
+
+
+def _sentence(words: str) -> str:
+    """With a full stop; names of parameters stay as they are."""
+    first = words.split(" ")[0]
+    return f"{words}." if "_" in first or "[" in first else f"{words[:1].upper()}{words[1:]}."

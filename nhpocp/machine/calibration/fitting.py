@@ -23,6 +23,7 @@ LIFTED = 6  # of them before those, of points that need not be a motion
 SHORTEST = 2.0**-12  # of a step
 ENOUGH = 1e-3  # standard deviations: a step of every parameter below it is none
 FLAT = 1e-8  # of the sum of squares: a smaller fall is none
+HELD = 1e6  # times as firmly as by the prior
 FIRM = 1e-6  # of the least noise: what a start that has to fit a joint may miss
 
 
@@ -54,7 +55,8 @@ class Model:
 class Fit:
     """What is fitted to which runs. A weak prior holds what no run sees where the model has it.
 
-    ``fixed``: θ stays as it is, and the motions alone are fitted.
+    ``fixed``: θ stays as it is, and the motions alone are fitted. ``held``: rows (q, n) of directions, each number
+    divided by its scale, along which θ stays.
     """
 
     def __init__(
@@ -65,6 +67,18 @@ class Fit:
         self.bends = [Bends.of(run) for run in runs]
         self.kinds = kinds_of(self.unknowns.system)
         self.noise = noise
+        self.held = np.zeros((0, len(self.unknowns)))
+
+    @property
+    def samples(self) -> int:
+        return sum(len(run.times) for run in self.runs)
+
+    @property
+    def _prior(self) -> Array:
+        """Rows by θ, which are zero where the model has it."""
+        n = len(self.unknowns)
+        rows: Array = np.vstack([np.eye(n), HELD * self.held]) / self.unknowns.scales
+        return rows
 
     def begin(self) -> Fitted:
         """Where to begin: what is measured itself, made a motion of the model by a few full steps.
@@ -91,11 +105,19 @@ class Fit:
                 break
         return min(self._followed(here, self.model(here)), self._alone(), key=lambda each: each.cost)
 
-    def _alone(self) -> Fitted:
+    def foreseen(self) -> Model:
+        """What the runs can say of θ at all: about the model's own motion along the lengths, smoothed.
+
+        About a motion that is fitted, a machine that stands still would seem to say something, for fitted are the
+        lengths' noise and the loops that it makes too.
+        """
+        return self.model(self._alone(smoothed=True))
+
+    def _alone(self, smoothed: bool = False) -> Fitted:
         """The model's parameters as they are; each run from its first pose, along its lengths as measured."""
         d, m, points, changes = self.equations.dimension, self.equations.motors, [], []
         for run, bends in zip(self.runs, self.bends, strict=True):
-            moved = np.diff(run.lengths, axis=0)
+            moved = np.diff(_smooth(run.lengths) if smoothed else run.lengths, axis=0)
             policy = Policy(
                 np.repeat(run.points[:1], len(run.times), axis=0), moved, np.zeros((len(moved), m, d))
             )
@@ -131,7 +153,7 @@ class Fit:
         seen = [self.equations.observed(r, values, p) for r, p in zip(self.runs, points, strict=True)]
         scatter = self.noise.of_rows(self.kinds)
         total = sum(float(np.sum((each.residuals / scatter) ** 2)) for each in seen)
-        total += float(np.sum(((values - self.unknowns.start) / self.unknowns.scales) ** 2))
+        total += float(np.sum((self._prior @ (values - self.unknowns.start)) ** 2))
         for path in points:
             total += float(np.sum((self.equations.invariants(values, path[0])[0] / self._firm) ** 2))
         return Fitted(values, points, changes, seen, total if np.isfinite(total) else np.inf)
@@ -165,8 +187,8 @@ class Fit:
             swept.append(sweep(linear, white, (-off / firm, by_state / firm, by_values[:, :n] / firm)))
             steps.append(linear)
         rest = np.vstack([each.rest for each in swept])
-        scales, start = self.unknowns.scales[:n], self.unknowns.start[:n]
-        held = np.column_stack([np.diag(1.0 / scales), (start - here.values[:n]) / scales])
+        prior = self._prior[:, :n]
+        held = np.column_stack([prior, prior @ (self.unknowns.start - here.values)[:n]])
         whole: Array = np.linalg.qr(np.vstack([rest, held]), mode="r")
         whole = whole[:n]
         inverse = np.linalg.inv(whole[:, :n])
@@ -213,3 +235,14 @@ class Fit:
             if fraction == 1.0 and self._small(model) and fall <= FLAT * here.cost + FLAT:
                 return here, self.model(here), True
         return here, self.model(here), False
+
+
+def _smooth(lengths: Array) -> Array:
+    """Lengths (k, m) as parabolas over an eighth of the run have them. [Savitzky & Golay 1964]"""
+    from scipy.signal import savgol_filter
+
+    window = 2 * (len(lengths) // 16) + 1
+    if window < 5:
+        return lengths
+    smoothed: Array = savgol_filter(lengths, window, 2, axis=0)
+    return smoothed

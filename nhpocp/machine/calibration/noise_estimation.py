@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from itertools import pairwise
 
 import numpy as np
 
 from nhpocp.arrays import Array
 from nhpocp.machine.calibration.fitting import Fit, Fitted, Model
-from nhpocp.machine.calibration.noise import KINDS, Noise
+from nhpocp.machine.calibration.measurements import Measurements
+from nhpocp.machine.calibration.noise import KINDS, Noise, kinds_of
+from nhpocp.systems.parallel_robot import ParallelRobot
 
 ROUNDS = 30
 SETTLED = 0.002  # of a noise: a smaller change is none
 FEW = 5.0  # residuals, less the numbers fitted to them, of which nothing is estimated
+THIRD = 20.0  # the variance of third differences of noise, of its own
 REMEMBERED = 2  # rounds
 LARGEST = np.log(100.0)  # change in a round
 
@@ -44,6 +48,27 @@ def estimate_noise(fit: Fit, here: Fitted, model: Model, least: Noise, check: Ca
         if trial.cost < here.cost:
             here, model = trial, fit.model(trial)
     return here
+
+
+def noise_by_differences(runs: Sequence[Measurements], system: ParallelRobot, least: Noise) -> Noise:
+    """The noise before anything is fitted, by third differences of samples, in which a smooth motion hardly shows."""
+    kinds, space = kinds_of(system), system.state_space
+    found: list[list[Array]] = [[], [], []]
+    for run in runs:
+        moved = np.diff(run.lengths, 3, axis=0)
+        found[2].append(moved.ravel())
+        points = run.points[run.posed]
+        ways = np.array([space.difference(b, a) for a, b in pairwise(points)]).reshape(-1, space.dimension)
+        bent = np.diff(ways, 2, axis=0)
+        for kind in (0, 1):
+            found[kind].append(bent[:, kinds[: space.dimension] == kind].ravel())
+    sizes = [np.concatenate(each) for each in found]
+    likely = Noise.likely(system)
+    values = [
+        float(np.sqrt(np.mean(size**2) / THIRD)) if len(size) >= FEW else getattr(likely, kind)
+        for size, kind in zip(sizes, KINDS, strict=True)
+    ]
+    return Noise(*values).scaled(np.ones(3), least)
 
 
 def _factors(fit: Fit, here: Fitted, model: Model) -> Array:
