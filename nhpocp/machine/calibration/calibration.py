@@ -24,7 +24,7 @@ from nhpocp.problem import PlanningProblem
 from nhpocp.systems.system import System
 
 SUSPECT = 0.5  # correlation of neighbouring residuals from which they are no noise
-LEFT = 0.1  # of the variance that noise has: less is rounding
+NEGLIGIBLE = 1e-5  # of the robot's length, and of a radian: smaller residuals are the integration's
 LARGER = 1.5  # times the noise that was stated: such residuals are no noise
 
 
@@ -283,7 +283,9 @@ class Calibrating:
                 "standard deviations are too small"
             )
         neighbours = self._neighbours(fit, here)
-        if neighbours > SUSPECT and variance > LEFT:
+        least = Noise.likely(self.unknowns.system, NEGLIGIBLE)
+        exact = fit.noise.position < least.position and fit.noise.angle < least.angle
+        if neighbours > SUSPECT and not exact:
             offset = any(each.kind == OFFSET for each in self.unknowns.every)
             more = "" if offset else f"; encoders that were set to something else are fitted with {OFFSET}"
             found.append(

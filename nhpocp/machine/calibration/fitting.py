@@ -68,6 +68,7 @@ class Fit:
         self.kinds = kinds_of(self.unknowns.system)
         self.noise = noise
         self.held = np.zeros((0, len(self.unknowns)))
+        self._known: dict[int, tuple[Array, Array, Linearised]] = {}
 
     @property
     def samples(self) -> int:
@@ -171,10 +172,8 @@ class Fit:
         """Linearised about an iterate."""
         scatter, n = self.noise.of_rows(self.kinds), 0 if self.fixed else len(self.unknowns)
         steps, swept = [], []
-        for i, run in enumerate(self.runs):
-            linear = self.equations.linearised(
-                run, self.bends[i], here.values, here.points[i], here.changes[i]
-            )
+        for i in range(len(self.runs)):
+            linear = self._linearised(i, here)
             linear = replace(linear, by_values=linear.by_values[:, :, :n])
             seen = here.seen[i]
             white = Observed(
@@ -193,6 +192,15 @@ class Fit:
         whole = whole[:n]
         inverse = np.linalg.inv(whole[:, :n])
         return Model(steps, swept, rest[:, :n], inverse @ whole[:, n], inverse @ inverse.T)
+
+    def _linearised(self, i: int, here: Fitted) -> Linearised:
+        """Of a run; at the last iterate it is known, by whatever noise that is judged."""
+        known = self._known.get(i)
+        if known is None or known[0] is not here.points[i] or known[1] is not here.values:
+            run, bends = self.runs[i], self.bends[i]
+            made = self.equations.linearised(run, bends, here.values, here.points[i], here.changes[i])
+            self._known[i] = known = (here.points[i], here.values, made)
+        return known[2]
 
     def _values(self, here: Fitted, model: Model, fraction: float) -> Array:
         full = np.zeros(len(self.unknowns))

@@ -14,7 +14,7 @@ from nhpocp.machine.calibration.noise import KINDS, Noise, kinds_of
 from nhpocp.systems.parallel_robot import ParallelRobot
 
 ROUNDS = 30
-SETTLED = 0.002  # of a noise: a smaller change is none
+SETTLED = 0.01  # of a noise: a smaller change is none
 FEW = 5.0  # residuals, less the numbers fitted to them, of which nothing is estimated
 THIRD = 20.0  # the variance of third differences of noise, of its own
 REMEMBERED = 2  # rounds

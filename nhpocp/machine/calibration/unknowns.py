@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import cos, hypot, sin
 from typing import Any
@@ -74,7 +74,7 @@ class Unknowns:
             if not new:
                 words = f"{name!r} is nothing of {system.model} that can be fitted"
                 names = dict.fromkeys([*known, *(re.split(r"[\[.]", each)[0] for each in known)])
-                raise InvalidProblemError(words, path=PATH, word=name, known=names)
+                raise InvalidProblemError(words, path=PATH, word=_meant(name, names), known=names)
             if twice := [each for each in new if each in chosen]:
                 raise InvalidProblemError(f"{twice[0]} is given twice", path=PATH)
             chosen |= new
@@ -164,6 +164,11 @@ class Unknowns:
 
     def _model(self) -> dict[str, float]:
         return {name: value for name, value in self.system.parameters().items() if name in self.system.shape}
+
+
+def _meant(name: str, names: Iterable[str]) -> str:
+    """A name for which a near one is looked for: of half a name, tilt, the whole."""
+    return next((each for each in names if name and name in each), name)
 
 
 def _chosen(name: str, known: Mapping[str, Unknown]) -> dict[str, Unknown]:
