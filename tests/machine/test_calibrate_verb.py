@@ -10,6 +10,7 @@ import nhpocp
 from nhpocp import deg, so3
 from nhpocp.cli.entry import status
 from nhpocp.csv_writer import write_table
+from nhpocp.measured_table import read_measurements
 from tests.machine.test_calibration import driven, noisy, two_runs
 
 ROBOT = """nhpocp: 1
@@ -85,15 +86,16 @@ def test_two_runs(place, capsys):
     for each in answer["parameters"]:
         assert fitted.system.parameters()[each["name"]] == pytest.approx(each["value"], rel=1e-14)
     assert status(["check", str(home / "fitted.yaml")]) == 0
-    # again, with another writing of the rotation, over what is there
-    capsys.readouterr()
-    for writing in ("quaternion", "angles"):
-        write(place / "run0.csv", two_runs()[0], writing)
-        ended, out, _ = said(["run0.csv", "run1.csv"], capsys)
-        assert ended == 0
-        assert "robot: fitted" in out
-        again = json.loads((home / "calibration.json").read_text(encoding="utf-8"))
-        assert again["parameters"][2]["value"] == pytest.approx(tilt["value"], rel=1e-9)
+
+
+@pytest.mark.parametrize("writing", ["matrix", "quaternion", "angles"])
+def test_writings_of_a_rotation(writing, place):
+    run = two_runs()[0]
+    write(place / "run.csv", run, writing)
+    read = read_measurements(place / "run.csv", nhpocp.ThreeUPU())
+    np.testing.assert_allclose(read.points[:, 3:], run["orientation"].reshape(-1, 9), atol=1e-14)
+    np.testing.assert_allclose(read.points[:, :3], run["position"], atol=0)
+    np.testing.assert_allclose(read.lengths, run["leg_lengths"], atol=0)
 
 
 def test_legs_of_their_own(place, capsys):
@@ -121,12 +123,12 @@ def test_what_is_not_seen_ends_in_1(place, capsys):
 
 def test_pictures_and_exported_plans(place, folder, capsys):
     """What `export` writes is read, and a plan's own motion finds the robot of the plan."""
-    assert status(["export", str(folder), "--rate", "100", "-o", "motion.csv"]) == 0
+    assert status(["export", str(folder), "--rate", "50", "-o", "motion.csv"]) == 0
     capsys.readouterr()
     ended, _, err = said(["motion.csv", "--set", "output.pictures=true", "-o", "out"], capsys)
     assert (ended, err) == (0, "")
     stored = json.loads((place / "out" / "calibration.json").read_text(encoding="utf-8"))
-    assert [each["value"] for each in stored["parameters"]] == pytest.approx([30, 15, 75 * deg], rel=1e-5)
+    assert [each["value"] for each in stored["parameters"]] == pytest.approx([30, 15, 75 * deg], rel=1e-4)
     for kind in ("png", "svg"):
         assert (place / "out" / f"residuals.{kind}").stat().st_size > 5000
 

@@ -77,9 +77,9 @@ class Calibration:
 
     problem: as it was. system: with the fitted parameters; None where they make no robot. outcome: an `Ending`.
     message: the same in a sentence. estimates: one a parameter, `Estimate`. covariance: (n, n) of them, in their
-    order. directions: of the parameters, each with its singular value, the best seen first; the last of them may not be
-    seen. noise: standard deviations, ``stated`` or estimated. residuals: one a run. variance: of a residual divided by
-    the noise, 1 where that is right. changes: parameters of the system that differ, plain data. doubts: sentences.
+    order. directions: of the parameters, each with its singular value, the best seen first. noise: standard
+    deviations; stated: by who called, or else estimated. residuals: one a run. variance: of a residual divided by the
+    noise, 1 where that is right. changes: parameters of the system that differ, plain data. doubts: sentences.
     """
 
     problem: PlanningProblem

@@ -14,7 +14,7 @@ from nhpocp.flow.tableau import CLASSICAL
 from nhpocp.machine.calibration.measurements import Measurements
 from nhpocp.machine.calibration.unknowns import Unknowns
 
-STEPS = 150  # of RK4 over a run, at least
+STEPS = 100  # of RK4 over a run, at least
 
 
 @dataclass(frozen=True)
