@@ -12,7 +12,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from nhpocp import planning
 from nhpocp.arrays import Array
@@ -193,22 +193,17 @@ def calibrate(
     "orientation" (samples, 3, 3), NaN where no pose was measured, "leg_lengths" (samples, motors) [length]. fit: names,
     such as "base_radius,roller_tilt[each],base[1].x"; None: the robot's shape, or all joints of unlike legs. noise:
     standard deviations of positions [length], angles [rad] and leg lengths [length]; None: estimated from residuals.
-    `Calibration` has `fitted`, `outcome`, `message`, `estimates` with standard deviations, `directions` with singular
-    values, `system` with the fitted parameters, and `doubts`. What no run sees stays as it is, and is named.
-    Errors: `InvalidProblemError` for names or runs that are none, with file and line; `CallError` for what are no runs.
+    `Calibration` has `fitted`, `outcome`, `message`, `estimates` with standard deviations, `system`, and `doubts`.
+    Errors: `InvalidProblemError` for names or runs that are none, `CallError` for a single run.
     """
     from nhpocp.machine.calibration.calibration import Calibrating
     from nhpocp.measured_table import read_measurements
 
-    single = isinstance(runs, Mapping | str | os.PathLike)
-    if single or not isinstance(runs, Iterable):
-        hint = "; write [run] for a single one" if single else ""
-        raise CallError(f"expected several runs, got {describe(runs)}{hint}", path="runs")
     calibrating = Calibrating.of(_problem(problem), fit, noise)
-    system = calibrating.unknowns.system
-    return calibrating.run(
-        [read_measurements(Path(run), system) if isinstance(run, str | os.PathLike) else run for run in runs]
-    )
+    system, read = calibrating.unknowns.system, cast(Any, runs)
+    if isinstance(runs, list | tuple):  # anything else is refused there
+        read = [read_measurements(Path(run), system) if isinstance(run, Named) else run for run in runs]
+    return calibrating.run(read)
 
 
 def analyze(

@@ -13,7 +13,7 @@ import numpy as np
 
 from nhpocp.csv_writer import write_table
 from nhpocp.errors import InvalidProblemError
-from nhpocp.machine.calibration.calibration import Calibration
+from nhpocp.machine.calibration.calibration import Calibration, Ending
 from nhpocp.machine.calibration.identifiability import correlations
 from nhpocp.machine.calibration.noise import KINDS
 from nhpocp.problem_file import dump_problem, parse_problem
@@ -63,6 +63,8 @@ def fitted_text(calibration: Calibration) -> tuple[str, str]:
     problem = calibration.problem
     if calibration.system is None:
         return "", f"there is no {FITTED}: no robot has these parameters"
+    if calibration.outcome in (Ending.NOT_CONVERGED, Ending.INTERRUPTED):
+        return "", f"there is no {FITTED}: the fit did not come to its end"
     if problem.source is None:
         try:
             text = dump_problem(problem.with_(system=calibration.system))

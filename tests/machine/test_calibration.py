@@ -235,11 +235,24 @@ def _legs(system):
     return nhpocp.ThreeUPU(legs=list(system.legs)).parameters()["legs"]
 
 
-def test_what_is_no_motion_of_such_a_robot_is_not_fitted():
+@pytest.mark.parametrize("spoil", [lambda x: x * 1e300, lambda x: -x, lambda x: x[::-1]])
+def test_what_is_no_motion_of_such_a_robot_is_not_fitted(spoil):
     run = noisy(*driven(every=20), seed=7)
-    run["position"] = run["position"][::-1] * [1, 1, -1]
-    calibration = calibrating("roller_tilt", (1e-3, 1e-3)).run([run])
-    assert not calibration.fitted or calibration.doubts
+    calibration = calibrating("roller_tilt", (1e-3, 1e-3)).run(
+        [{**run, "leg_lengths": spoil(run["leg_lengths"])}]
+    )
+    assert calibration.outcome is Ending.NOT_CONVERGED
+    assert "furthest apart in run 1 at t=" in calibration.message
+
+
+def test_ctrl_c_keeps_what_was_found(monkeypatch):
+    def stopped(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("nhpocp.machine.calibration.calibration.estimate_noise", stopped)
+    calibration = calibrating().run(two_runs(0, every=20))
+    assert calibration.outcome is Ending.INTERRUPTED
+    assert calibration["roller_tilt"].value == pytest.approx(77 * deg, abs=0.01 * deg)
 
 
 def test_without_noise_it_finds_the_model_again():

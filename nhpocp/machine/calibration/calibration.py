@@ -150,8 +150,12 @@ class Calibrating:
             raise CallError(f"expected several runs, got {describe(runs)}{hint}", path="runs")
         system = self.unknowns.system
         taken = [measured(run, system, f"run {i}") for i, run in enumerate(runs, 1)]
-        least = Noise.likely(system, LEAST)
-        fit = Fit(self.equations, taken, self.noise or noise_by_differences(taken, system, least))
+        with np.errstate(all="ignore"):  # of a motion that runs away, which its sum of squares says
+            return self._fitted(taken, Noise.likely(system, LEAST))
+
+    def _fitted(self, taken: Sequence[Measurements], least: Noise) -> Calibration:
+        noise = self.noise or noise_by_differences(taken, self.unknowns.system, least)
+        fit = Fit(self.equations, taken, noise)
         fit.held = self._unseen(fit, fit.foreseen())
         with Interruption() as interruption:
             here, model, outcome, message = self._settled(fit, least, interruption.check)
@@ -182,6 +186,8 @@ class Calibrating:
         return here, model, Ending.FITTED, "everything that was asked for is seen"
 
     def _unseen(self, fit: Fit, model: Model) -> Array:
+        if not model.finite:
+            return np.zeros((0, len(self.unknowns)))
         vectors = [each.vector for each in self._directions(fit, model) if not each.seen]
         return np.array(vectors).reshape(len(vectors), len(self.unknowns))
 
@@ -214,7 +220,7 @@ class Calibrating:
         deviations = np.sqrt(np.diag(covariance))
         along = self._directions(fit, model)
         unseen = [each for each in along if not each.seen]
-        lost = {name for each in unseen for name, _ in each.parts}
+        lost = {name for each in unseen for name, _ in each.parts} if along else set(unknowns.names)
         estimates = tuple(
             Estimate(
                 unknown,

@@ -16,7 +16,7 @@ from nhpocp.arrays import Array
 from nhpocp.machine.calibration.leg_driven_steps import Bends, LegDrivenSteps, Linearised, Observed, Policy
 from nhpocp.machine.calibration.measurements import Measurements
 from nhpocp.machine.calibration.noise import Noise, kinds_of
-from nhpocp.machine.calibration.smoothing import Swept, sweep
+from nhpocp.machine.calibration.smoothing import Swept, solved, sweep
 
 ITERATIONS = 30
 LIFTED = 6  # of them before those, of points that need not be a motion
@@ -50,6 +50,10 @@ class Model:
     information: Array
     step: Array
     covariance: Array
+
+    @property
+    def finite(self) -> bool:
+        return bool(np.isfinite(self.step).all() and np.isfinite(self.covariance).all())
 
 
 class Fit:
@@ -92,6 +96,8 @@ class Fit:
         here = self._at(self.unknowns.start, points, changes)
         for _ in range(LIFTED):
             model = self.model(here)
+            if not model.finite:
+                break
             points, changes = [], []
             for i in range(len(self.runs)):
                 moved, turned = model.swept[i].ways(model.steps[i], model.step)
@@ -190,7 +196,7 @@ class Fit:
         held = np.column_stack([prior, prior @ (self.unknowns.start - here.values)[:n]])
         whole: Array = np.linalg.qr(np.vstack([rest, held]), mode="r")
         whole = whole[:n]
-        inverse = np.linalg.inv(whole[:, :n])
+        inverse = solved(whole[:, :n], np.eye(n))
         return Model(steps, swept, rest[:, :n], inverse @ whole[:, n], inverse @ inverse.T)
 
     def _linearised(self, i: int, here: Fitted) -> Linearised:
@@ -230,7 +236,7 @@ class Fit:
         for _ in range(ITERATIONS):
             check()
             model = self.model(here)
-            if not np.isfinite(model.step).all():
+            if not model.finite:
                 return here, model, False
             fraction, trial = 1.0, self.moved(here, model, 1.0)
             while not trial.cost < here.cost and fraction > SHORTEST:

@@ -35,8 +35,10 @@ class Direction:
 
 
 def directions(information: Array, scales: Array, names: Sequence[str], samples: int) -> list[Direction]:
-    """Of whitened rows by θ (r, n), which stand for so many samples; the best seen first."""
+    """Of whitened rows by θ (r, n) of so many samples, the best seen first; none where a row is not finite."""
     least = max(1.0 / UNSEEN, ABOVE * samples**0.5)
+    if not np.isfinite(information).all():
+        return []
     count = len(names)
     rows = np.vstack([information * scales, np.zeros((count, count))])
     _, values, turned = svd(rows, full_matrices=False)

@@ -104,12 +104,18 @@ def sweep(steps: Linearised, seen: Observed, at_start: Sequence[Array]) -> Swept
     reduced: Array = np.linalg.qr(rows, mode="r")
     pivots = np.triu(tops[:, :, :m])
     known = np.concatenate([tops[:, :, m:], np.broadcast_to(np.eye(m), pivots.shape)], axis=2)
-    gains, of_values, forward, roots = np.split(np.linalg.solve(pivots, known), [d, d + n, d + n + 1], axis=2)
+    try:
+        found = np.linalg.solve(pivots, known)
+    except np.linalg.LinAlgError:  # lengths so large that they say nothing of one another
+        found = np.full(known.shape, np.nan)
+    gains, of_values, forward, roots = np.split(found, [d, d + n, d + n + 1], axis=2)
     return Swept(reduced[:d], reduced[d : d + n, d:], gains, of_values, forward[:, :, 0], roots)
 
 
 def solved(triangle: Array, right: Array) -> Array:
-    """R⁻¹ b of an upper triangle; what no row sees stays at zero."""
+    """R⁻¹ b of an upper triangle; what no row sees stays at zero, and of what is not finite all is NaN."""
+    if not np.isfinite(triangle).all():
+        return np.full((triangle.shape[1], *right.shape[1:]), np.nan)
     pivots = np.abs(np.diag(triangle))
     if pivots.min(initial=np.inf) > TINY * pivots.max(initial=0.0):
         whole: Array = solve_triangular(triangle, right, check_finite=False)
