@@ -189,20 +189,19 @@ def calibrate(
     """Fits the parameters of a problem's robot to what was measured of one or several runs, all at once.
 
     problem: a `PlanningProblem`, or the name of its file. runs: each a CSV file as `nhpocp calibrate` reads, or arrays
-    by the names of a solution's trajectory, samples first: "t" (samples,) [time], "position" (samples, 3) [length],
-    "orientation" (samples, 3, 3), NaN where no pose was measured, "leg_lengths" (samples, motors) [length]. fit: names,
-    such as "base_radius,roller_tilt[each],base[1].x"; None: the robot's shape, or all joints of unlike legs. noise:
-    standard deviations of positions [length], angles [rad] and leg lengths [length]; None: estimated from residuals.
-    `Calibration` has `fitted`, `outcome`, `message`, `estimates` with standard deviations, `system`, and `doubts`.
-    Errors: `InvalidProblemError` for names or runs that are none, `CallError` for a single run.
+    by the names of a solution's trajectory, "t" (samples,) [time], "position" (samples, 3) [length], "orientation"
+    (samples, 3, 3), NaN where none was measured, "leg_lengths" (samples, motors) [length]. fit: names, as "base_radius,
+    roller_tilt[each],base[1].x"; None: the shape, or all joints of unlike legs. noise: standard deviations of positions
+    [length], angles [rad], leg lengths [length]; None: estimated. `Calibration` has `fitted`, `outcome`, `message`,
+    `estimates`, `system`, `doubts`. Errors: `InvalidProblemError` for names or runs that are none, `CallError` for one.
     """
     from nhpocp.machine.calibration.calibration import Calibrating
     from nhpocp.measured_table import read_measurements
 
     calibrating = Calibrating.of(_problem(problem), fit, noise)
-    system, read = calibrating.unknowns.system, cast(Any, runs)
+    robot, read = calibrating.unknowns.system, cast(Any, runs)
     if isinstance(runs, list | tuple):  # anything else is refused there
-        read = [read_measurements(Path(run), system) if isinstance(run, Named) else run for run in runs]
+        read = [read_measurements(Path(r), robot) if isinstance(r, str | os.PathLike) else r for r in runs]
     return calibrating.run(read)
 
 

@@ -98,6 +98,14 @@ def test_writings_of_a_rotation(writing, place):
     np.testing.assert_allclose(read.lengths, run["leg_lengths"], atol=0)
 
 
+def test_files_in_python(place):
+    calibration = nhpocp.calibrate(
+        "robot.yaml", ["run0.csv", place / "run1.csv"], ["base_radius"], (1e-3, 1e-3)
+    )
+    assert [each.run.name for each in calibration.residuals] == ["run0.csv", "run1.csv"]
+    assert [each.name for each in calibration.estimates] == ["base_radius"]
+
+
 def test_legs_of_their_own(place, capsys):
     ended, _, _ = said(["run0.csv", "run1.csv", "--fit", "base,platform,r", "-o", "out"], capsys)
     assert ended == 0
