@@ -10,7 +10,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from nhpocp.errors import InvalidProblemError
-from nhpocp.machine.export.registry import FORMATS
+from nhpocp.machine.export.registry import FORMATS, MACHINES
 from nhpocp.problem_file.document import open_file
 from nhpocp.whole import Bench, bench, exchange, sweep
 
@@ -26,13 +26,15 @@ DATA = (
 PICTURES = ("controls", "relative_pose", "convergence", "margins", "robot", "failure")
 KINDS = ("png", "svg", "pdf")  # of picture files
 ANIMATIONS = ("animation.html", "animation.gif", "animation.mp4")
-MOTIONS = tuple(each.file_name for each in FORMATS.values())  # of `nhpocp export`
+MOTIONS = tuple(each.file_name for each in (FORMATS | MACHINES).values())  # of `nhpocp export`
 ANALYSIS = ("analysis.json", "map.npz")  # of `nhpocp analyze`, and its pictures
 ANALYSIS_PICTURES = ("singularity_map", "along_guess", "agility")
 SIMULATION = (
     "simulation"  # of `nhpocp simulate`: a folder inside that of the solution, of these files and a picture
 )
 SIMULATION_FILES = ("simulation.json", "simulation.csv", "simulation.npz")
+CALIBRATION = ("calibration.json", "residuals.csv", "fitted.yaml")  # of `nhpocp calibrate`, and its picture
+CALIBRATION_PICTURE = "residuals"
 COMPARISON = (
     "report.html",
     "comparison.csv",
@@ -49,18 +51,24 @@ SIGNED = {
     "steer.json": (b'"schema_version"',),  # of `nhpocp steer`, as its table
     "steer.csv": (b"cycle,", b"machine,outcome,"),
 }
-_DRAWN = (*PICTURES, *ANALYSIS_PICTURES, SIMULATION)
+_DRAWN = (*PICTURES, *ANALYSIS_PICTURES, SIMULATION, CALIBRATION_PICTURE)
 OWN = {
     *DATA,
     *ANIMATIONS,
     *MOTIONS,
     *ANALYSIS,
     *SIMULATION_FILES,
+    *CALIBRATION,
     *(f"{name}.{kind}" for name in _DRAWN for kind in KINDS),
 }
 
 
-SIGNATURES = ("solution.json", "analysis.json", "simulation.json")  # one of which is in every folder of ours
+SIGNATURES = (
+    "solution.json",
+    "analysis.json",
+    "simulation.json",
+    "calibration.json",
+)  # one of which is in every folder of ours
 
 
 def folder_name(name: str) -> str:
