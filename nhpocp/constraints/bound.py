@@ -21,6 +21,8 @@ from nhpocp.scales import side_size
 from nhpocp.systems.margins import Margin, margin
 from nhpocp.systems.system import System
 
+RELATIVE = 1e-3  # of its size, by which a limit may be passed
+
 
 @dataclass(frozen=True, eq=False)
 class Bound(ByValue, Frozen):
@@ -29,7 +31,8 @@ class Bound(ByValue, Frozen):
     label: as a problem file calls it, such as "leg_length" or "state.position"; reports show it. quantity: a name of
     the trajectory, such as "leg_lengths" or "u". lower, upper: numbers in the quantity's unit ([length], [rad], a rate
     per [time]), or arrays (components,); infinite where a side is open. scale, coordinate: filled in by a problem.
-    degrees: whether messages give its numbers, angles in [rad], in degrees.
+    degrees: whether messages give its numbers, angles in [rad], in degrees. entries: what messages call its components,
+    filled in by a problem.
     Errors: `InvalidProblemError`, by the problem, for a quantity that it does not have, or limits of another shape.
     """
 
@@ -42,6 +45,13 @@ class Bound(ByValue, Frozen):
     scale: float = field(default=1.0, compare=False)
     coordinate: bool = field(default=False, compare=False)
     degrees: bool = field(default=False, compare=False)
+    entries: tuple[str, ...] = field(default=(), compare=False)
+
+    def named(self, component: tuple[int, ...]) -> str:
+        """The label with a component, as in leg_length[1] or distance[leg 1, leg 2]."""
+        if self.entries:
+            return f"{self.label}[{self.entries[component[0] if component else 0]}]"
+        return self.label + "".join(f"[{i}]" for i in component)
 
     def figure(self, value: float, form: str = "g") -> str:
         """A number of the quantity in words."""
@@ -163,8 +173,7 @@ def bound_rows(
     for index in np.ndindex(*shape):
         entry = value[index] if shape else value
         if np.isfinite(lower[index]) or np.isfinite(upper[index]):
-            name = bound.label + "".join(f"[{i}]" for i in index)
-            rows.append((name, entry, float(lower[index]), float(upper[index])))
+            rows.append((bound.named(index), entry, float(lower[index]), float(upper[index])))
     return rows
 
 
@@ -202,7 +211,7 @@ class BoundReport:
     @property
     def name(self) -> str:
         """The bound and its component, as in leg_length[1]."""
-        return self.bound.label + "".join(f"[{i}]" for i in self.component)
+        return self.bound.named(self.component)
 
     def __repr__(self) -> str:
         place = f"nearest {self.value:.4g} at t = {self.time:.4g}"
@@ -226,7 +235,10 @@ class BoundReport:
 
 
 def check_bounds(
-    bounds: Sequence[Bound], times: Array, trajectory: Mapping[str, Array], relative_tolerance: float = 1e-3
+    bounds: Sequence[Bound],
+    times: Array,
+    trajectory: Mapping[str, Array],
+    relative_tolerance: float = RELATIVE,
 ) -> list[BoundReport]:
     """Every bound on every sample; a bound holds if no excess is above ``relative_tolerance`` of `Bound.sizes`."""
     reports = []

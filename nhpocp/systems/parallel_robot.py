@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import cos, hypot, pi, sin
 from typing import Any, ClassVar
 
 from nhpocp.arrays import Array, cross, namespace, symbolic
+from nhpocp.bodies.hull import Hull, capsule, hull_of
 from nhpocp.errors import InvalidProblemError
 from nhpocp.state_space import Block, StateSpace, direction, rotation, vector
 from nhpocp.systems.joints import BASE_JOINTS, LegPose, Row
@@ -38,6 +39,12 @@ LEG = {  # of a file, the fields of `Leg`
         "prismatic joint",
     ),
     "actuated": Parameter("flag", None, "whether a motor drives the length; default: if it is prismatic"),
+}
+SIZES = {  # of bodies, for pictures and for distances
+    "leg_radius": Parameter(
+        "positive", None, "of the legs; default: 0.07 of the platform's size", unit="length"
+    ),
+    "thickness": Parameter("positive", None, "of base and platform; default: flat plates", unit="length"),
 }
 JOINTS = ("spheres", "universal joints")  # the points of a drawing
 
@@ -102,7 +109,8 @@ class ParallelRobot(System):
             None,
             "the legs, {base, platform, base_joint, r, w1, w2, w4, length, actuated} each; default: preset mixed",
             keys=LEG,
-        )
+        ),
+        **SIZES,
     }
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {
         "mixed": {
@@ -139,11 +147,29 @@ class ParallelRobot(System):
         [vector("position", 3, "length", symbol="p", words="position"), rotation("orientation")]
     )
     legs: tuple[Leg, ...]
+    leg_radius: float | None = None
+    thickness: float | None = None
 
-    def __init__(self, legs: Sequence[Leg | Mapping[str, Any]] | None = None) -> None:
+    def __init__(
+        self,
+        legs: Sequence[Leg | Mapping[str, Any]] | None = None,
+        leg_radius: float | None = None,
+        thickness: float | None = None,
+    ) -> None:
+        self._set_sizes(leg_radius, thickness)
         given = self.presets["mixed"]["legs"] if legs is None else legs
         self._set_legs([_numbered(i, leg) for i, leg in enumerate(several(given), 1)])
         self.input_space = StateSpace([vector("u", self.motors, "length")])
+
+    def _set_sizes(self, leg_radius: float | None, thickness: float | None) -> None:
+        for name, value in (("leg_radius", leg_radius), ("thickness", thickness)):
+            if value is not None:
+                setattr(self, name, SIZES[name].checked(name, value))
+
+    def _sizes(self) -> dict[str, float]:
+        """The sizes of bodies that were given."""
+        given = {"leg_radius": self.leg_radius, "thickness": self.thickness}
+        return {name: value for name, value in given.items() if value is not None}
 
     def _set_legs(self, legs: Sequence[Leg]) -> None:
         """Errors: `InvalidProblemError` where motors and constraints are not six."""
@@ -162,7 +188,7 @@ class ParallelRobot(System):
         )
 
     def parameters(self) -> dict[str, Any]:
-        return {"legs": [leg_data(leg, LEG) for leg in self.legs]}
+        return {"legs": [leg_data(leg, LEG) for leg in self.legs], **self._sizes()}
 
     # --- equations ---
 
@@ -271,6 +297,30 @@ class ParallelRobot(System):
                 return sum(arms) / len(arms)
         return 1.0
 
+    @property
+    def _leg_radius(self) -> float:
+        return self.leg_radius or 0.07 * self.default_length_scale()
+
+    def bodies(self, state: Array) -> dict[str, Hull]:
+        """Base, platform and legs; what shares a joint touches."""
+        (position, turned), thickness = self.pose(state), self.thickness or 0.0
+        base = hull_of([leg.base for leg in self.legs], thickness)
+        platform = hull_of([leg.platform for leg in self.legs], thickness)
+        platform = platform.moved(position, turned)
+        pinned = ["platform" for leg in self.legs if leg.pinned]
+        bodies = {"base": replace(base, fixed=True).touching(*pinned), "platform": platform}
+        for i, (leg, pose) in enumerate(zip(self.legs, self.leg_poses(state), strict=True), 1):
+            if not leg.pinned:
+                shared = [
+                    f"leg {k}"
+                    for k, other in enumerate(self.legs, 1)
+                    if leg.base == other.base or leg.platform == other.platform
+                ]
+                bodies[f"leg {i}"] = capsule(pose.a, pose.b, self._leg_radius).touching(
+                    "base", "platform", *shared
+                )
+        return bodies
+
     def drawing(self, state: Array) -> dict[str, Any]:
         """Both bodies, the legs, and the directions of their joints, from the middle of each joint."""
         xp, poses = namespace(state), self.leg_poses(state)
@@ -300,7 +350,7 @@ class ParallelRobot(System):
         turned = xp.eye(3) if pose.w3 is None else xp.rows([pose.g, pose.w3, cross(pose.g, pose.w3)]).T
         solids: dict[str, Any] = {f"sphere {number}": ball(pose.a, turned, radius, *JOINTS)}
         if not leg.pinned:
-            solids[f"leg {number}"] = rod(pose.a, pose.b, 0.07 * size)
+            solids[f"leg {number}"] = rod(pose.a, pose.b, self._leg_radius)
             if leg.w4 is None:
                 solids[f"head {number}"] = ball(pose.b, turned, 0.09 * size)
         if pose.r is not None and leg.joint != "universal":

@@ -9,16 +9,20 @@ from inspect import signature
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
 from nhpocp.arrays import Array, namespace, symbolic
+from nhpocp.bodies.surroundings import Surroundings
 from nhpocp.constructed import add_to_manual
 from nhpocp.declared import real
 from nhpocp.errors import CallError, InvalidProblemError, describe, expect, suggestion
 from nhpocp.frozen import Frozen, as_value
+from nhpocp.kept import Kept
 from nhpocp.plain_text import as_call
 from nhpocp.shown import Shown
-from nhpocp.state_space import UNIT_WORDS, Block, StateSpace, Unit, check_distinct
+from nhpocp.state_space import UNIT_WORDS, Block, StateSpace, Unit, check_distinct, scalar, vector
 from nhpocp.systems.margins import margin
 
 if TYPE_CHECKING:
+    from nhpocp.bodies.hull import Hull
+    from nhpocp.bodies.obstacles import Obstacle
     from nhpocp.systems.chained_form import ChainedForm
 
 
@@ -86,10 +90,11 @@ class Parameter:
         return int(number)
 
 
+DISTANCE = "distance"  # of a system's bodies, among the quantities of a trajectory
 _COLLECTED = SignatureParameter.VAR_POSITIONAL, SignatureParameter.VAR_KEYWORD
 
 # names that stand for something else in a trajectory, or in the archive that holds its arrays
-RESERVED = ("t", "file", "allow_pickle")
+RESERVED = ("t", "file", "allow_pickle", DISTANCE)
 
 
 def check_names(parts: Sequence[tuple[str, Block]]) -> None:
@@ -135,6 +140,7 @@ class System(Frozen, Shown):
 
     state_space: StateSpace
     input_space: StateSpace
+    surroundings: Surroundings | None = None  # set by `among`
 
     def __init_subclass__(cls, **more: Any) -> None:
         super().__init_subclass__(**more)
@@ -196,7 +202,8 @@ class System(Frozen, Shown):
                     "an attribute of that name"
                 )
             values[name] = vars(self)[name]
-        return type(self)(**values)
+        made = type(self)(**values)
+        return made.among(self.surroundings.obstacles) if self.surroundings is not None else made
 
     def __repr__(self) -> str:
         values = self.parameters().items()
@@ -260,7 +267,8 @@ class System(Frozen, Shown):
     def comparable(self) -> tuple[Any, ...]:
         """What equals that of another system with the same equations: the class, its parameters and spaces."""
         parameters = sorted(self.parameters().items())
-        return type(self), as_value(parameters), self.state_space, self.input_space
+        obstacles = self.surroundings and self.surroundings.obstacles
+        return type(self), as_value(parameters), self.state_space, self.input_space, obstacles
 
     @property
     def pose_outputs(self) -> tuple[Block, ...]:
@@ -277,6 +285,70 @@ class System(Frozen, Shown):
     def output(self, name: str, state: Array, control: Array) -> Array:
         """One of `outputs`; override it where there is a shorter way than making them all."""
         return self.outputs(state, control)[name]
+
+    def bodies(self, state: Array) -> dict[str, Hull]:
+        """What takes up room, by name, as convex hulls with round rims; none unless overridden.
+
+        In space throughout, or in the plane. Bodies that meet by construction name each other in `Hull.touches`.
+        """
+        return {}
+
+    @property
+    def has_bodies(self) -> bool:
+        """Whether any of it takes up room."""
+        return type(self).bodies is not System.bodies
+
+    def among(self, obstacles: Sequence[Obstacle] | None) -> Self:
+        """This system with `distance` among its quantities: of its bodies from obstacles and from each other.
+
+        None takes it away again.
+        """
+        kept = {name: value for name, value in self.__dict__.items() if not isinstance(value, Kept)}
+        other = object.__new__(type(self))
+        other.__dict__.update(kept, surroundings=None)
+        if obstacles is not None:
+            other.__dict__["surroundings"] = Surroundings.of(other._bodies_somewhere(), obstacles)
+        return other
+
+    @property
+    def dimension_of_bodies(self) -> int:
+        """2 in the plane, 3 in space."""
+        return next(iter(self._bodies_somewhere().values())).dimension
+
+    def _bodies_somewhere(self) -> dict[str, Hull]:
+        """The bodies at some state, for what no state changes of them."""
+        import numpy as np
+
+        aside = np.linspace(0.1, 0.2, self.state_space.dimension)
+        blocks = self.state_space.blocks
+        somewhere = {b.name: np.eye(3) if b.kind == "rotation" else np.zeros(b.shape) for b in blocks}
+        with np.errstate(all="ignore"):
+            return self.bodies(self.state_space.retract(np.asarray(self.state_space.pack(somewhere)), aside))
+
+    def quantities(self, state: Array, control: Array) -> dict[str, Array]:
+        """`outputs`, and among obstacles the distances of its bodies."""
+        own = self.outputs(state, control)
+        if self.surroundings is None:
+            return own
+        return {**own, DISTANCE: self.surroundings.distances(self.bodies(state))}
+
+    def quantity(self, name: str, state: Array, control: Array) -> Array:
+        """One of `quantities`."""
+        if self.surroundings is not None and name == DISTANCE:
+            return self.surroundings.distances(self.bodies(state))
+        return self.output(name, state, control)
+
+    @property
+    def quantity_blocks(self) -> tuple[Block, ...]:
+        """Blocks of `quantities`, as far as they are known without making expressions."""
+        own = tuple(self.output_blocks or ())
+        if self.surroundings is None:
+            return own
+        names = tuple(", ".join(pair) for pair in self.surroundings.pairs)
+        kind = {"symbol": "d", "words": "distance", "entries": names}
+        if len(names) == 1:
+            return (*own, scalar(DISTANCE, "length", **kind))
+        return (*own, vector(DISTANCE, len(names), "length", **kind))
 
     def regularity(self, state: Array) -> dict[str, Array]:
         """Square matrices by name whose singularity breaks the model or the machine, in the system's own units."""

@@ -11,7 +11,7 @@ from nhpocp.errors import InvalidProblemError
 from nhpocp.state_space import StateSpace, matrix, vector
 from nhpocp.systems.joints import Vector3
 from nhpocp.systems.legs import Leg, several
-from nhpocp.systems.parallel_robot import ParallelRobot, leg_data
+from nhpocp.systems.parallel_robot import SIZES, ParallelRobot, leg_data
 from nhpocp.systems.system import Parameter
 
 LEG = {  # of a file, the fields of `Leg` that these legs may have
@@ -69,6 +69,7 @@ class ThreeUPU(ParallelRobot):
             "feedback: eq. (7), control v; original: eq. (3), control u",
             ("feedback", "original"),
         ),
+        **SIZES,
     }
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {
         "default": {},
@@ -97,7 +98,10 @@ class ThreeUPU(ParallelRobot):
         joint: str = "veselova",
         legs: Sequence[Leg | Mapping[str, Any]] | None = None,
         form: str = "feedback",
+        leg_radius: float | None = None,
+        thickness: float | None = None,
     ) -> None:
+        self._set_sizes(leg_radius, thickness)
         shape = {
             "base_radius": base_radius,
             "platform_radius": platform_radius,
@@ -124,8 +128,8 @@ class ThreeUPU(ParallelRobot):
 
     def parameters(self) -> dict[str, Any]:
         if self._explicit:
-            return {"legs": [leg_data(leg, LEG) for leg in self.legs], "form": self.form}
-        return {**self._shape, "form": self.form}
+            return {"legs": [leg_data(leg, LEG) for leg in self.legs], "form": self.form, **self._sizes()}
+        return {**self._shape, "form": self.form, **self._sizes()}
 
     def actuated(self) -> tuple[ThreeUPU, Callable[[Array, Array], Array]] | None:
         return (self.with_(form="original"), self.feedback) if self.form == "feedback" else None
