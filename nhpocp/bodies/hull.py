@@ -1,7 +1,7 @@
 """Convex bodies in space or in the plane: all points within a radius of the convex hull of some corners.
 
-A point makes a ball or a disc, two a capsule, a polygon a plate with round rims, a box or prism stays sharp. Corners are
-numbers or symbols.
+A point makes a ball or a disc, two a capsule, a polygon a plate with round rims, a box or prism stays sharp. Corners
+are numbers or symbols.
 """
 
 from __future__ import annotations

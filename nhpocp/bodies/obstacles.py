@@ -214,7 +214,8 @@ class Obstacle(ByValue, Frozen):
         named = []
         for each in made:
             count[each.kind] = count.get(each.kind, 0) + 1
-            named.append(cls(each.kind, each.entries, name=f"{each.kind} {count[each.kind]}"))
+            name = f"{each.kind.replace('_', ' ')} {count[each.kind]}"
+            named.append(cls(each.kind, each.entries, name=name))
         return tuple(named)
 
 

@@ -36,10 +36,12 @@ def _annotation(kind: Kind, entry: Entry) -> Any:
 def _model(name: str, kind: Kind) -> type[Strict]:
     fields: dict[str, Any] = {}
     for key, entry in kind.entries.items():
-        wanted, default = _annotation(kind, entry), ...
-        if not entry.needed:
-            wanted, default = wanted | None, None
-        fields[key] = (wanted, Field(default=default, description=entry.meaning))
+        wanted = _annotation(kind, entry)
+        fields[key] = (
+            (wanted, Field(description=entry.meaning))
+            if entry.needed
+            else (wanted | None, Field(default=None, description=entry.meaning))
+        )
     return create_model(f"Obstacle_{name}", __base__=Strict, __doc__=f"{kind.meaning}.", **fields)
 
 

@@ -104,7 +104,7 @@ class Distances:
         count = len(self._surroundings.pairs)
         values = np.stack([self.measure(corners, pair) for pair in range(count)], axis=1)
         moments, rows, bounded = [times], [values], True
-        for pair in np.flatnonzero(np.isfinite(least)):
+        for pair in map(int, np.flatnonzero(np.isfinite(least))):
             more, distances, done = self._between_samples(
                 path, times, corners, values[:, pair], pair, least[pair]
             )

@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 
 from nhpocp.comparison import Entry
 from nhpocp.solution import Solution
-from nhpocp.views import drawing, plots
+from nhpocp.views import drawing, obstacles, plots
 from nhpocp.views.finite_path import FinitePath, path_of
 from nhpocp.views.labels import axis_label
 from nhpocp.views.panels import Panel, merged, of_group, panels
@@ -162,9 +162,12 @@ def _path(motions: Sequence[_Motion]) -> Overlay | None:
             paths, every, names = [points[:, :2] for points in paths], every[:, :2], names[:2]  # from above
         boxes = [shown.drawing, *([goal.drawing] if goal else [])] if shown else []
         corners = drawing.extent(*boxes, points=every)
+        if shown:
+            corners = obstacles.widened(system, *corners)
         place = ((i + 0.03) / count, 0.05, 0.9 / count, 0.8)
         axes = drawing.add_view(figure, place, *corners, names, 1.0 if shown else 0.85, not system.plotted)
         if shown:
+            obstacles.plot_obstacles(axes, system, *corners)
             if goal:
                 drawing.plot_robot(axes, goal.drawing, ghost=True)
             _mechanism(axes, shown.drawing)

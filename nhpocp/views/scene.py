@@ -13,7 +13,7 @@ import numpy as np
 from nhpocp.arrays import Array
 from nhpocp.solution import Solution
 from nhpocp.systems.system import System
-from nhpocp.views import drawing
+from nhpocp.views import drawing, obstacles
 from nhpocp.views.drawing import (
     DARK,
     FILLS,
@@ -76,7 +76,8 @@ def scene(solution: Solution, most: int) -> dict[str, Any]:
     ghosts = [{"words": words, "outlines": _outlines(end, moving)} for words, end in ends.items()]
     if trace is not None:
         trace = _held(trace)
-    low, high = _box([*frames, *ends.values()], trace)
+    low, high = obstacles.widened(system, *_box([*frames, *ends.values()], trace))
+    parts = [*obstacles.parts(system, low, high), *parts]
     grain = DIGITS - int(np.floor(np.log10(max(float((high - low).max()), 1e-9))))
     for part in parts:
         values, exact = part.pop("values"), part.pop("exact", False)
