@@ -123,6 +123,7 @@ class PlanningProblem(ByValue, Frozen, Shown):
         if self.samples < 2:
             wrong.append(InvalidProblemError("a trajectory needs at least 2 samples", path="output.samples"))
         refuse(wrong)
+        self._take_rest()
         self._check_room(wrong)
         self._check_assembly(wrong)
         self._check_bounds(wrong)
@@ -168,6 +169,13 @@ class PlanningProblem(ByValue, Frozen, Shown):
             self.system = self.system.among(self.obstacles if asked else None)
         if self.obstacles:
             self._check_dimensions()
+
+    def _take_rest(self) -> None:
+        """The system with its start for its pose at rest, where a bound counts from there."""
+        counting = {block.name for block in self.system.rest_blocks}
+        asked = any(bound.quantity in counting for bound in self.bounds)
+        if asked or self.system.rest is not None:
+            self.system = self.system.resting(self.start_point if asked else None)
 
     def _check_dimensions(self) -> None:
         """Errors: `InvalidProblemError` for obstacles in the plane around bodies in space, and the other way round."""
@@ -285,12 +293,12 @@ class PlanningProblem(ByValue, Frozen, Shown):
         scales, space = self.scales, self.system.state_space
         still, changed = np.zeros(self.system.input_space.size), []
         try:
-            here = np.asarray(self.system.output(name, self.start_point, still), dtype=float)
+            here = np.asarray(self.system.quantity(name, self.start_point, still), dtype=float)
             for step in NUDGE * np.diag(scales.states):
                 moved = np.asarray(space.retract(self.start_point, step))
-                changed.append(self.system.output(name, moved, still) - here)
+                changed.append(self.system.quantity(name, moved, still) - here)
             for step in NUDGE * np.diag(scales.inputs):
-                changed.append(self.system.output(name, self.start_point, step) - here)
+                changed.append(self.system.quantity(name, self.start_point, step) - here)
         except np.linalg.LinAlgError:  # it has no size where the machine is singular
             return 1.0
         size = np.abs(np.array(changed, dtype=float)).sum(axis=0).max(initial=0.0) / NUDGE

@@ -13,7 +13,7 @@ from typing import Any
 from nhpocp.arrays import Array, namespace
 
 Pair = tuple[int, int]
-TINY = 1e-300  # keeps square roots and quotients, and their derivatives, finite where they do not count
+TINY = 1e-100  # keeps square roots and quotients, and two derivatives, finite where they do not count
 
 
 @dataclass(frozen=True, eq=False)

@@ -141,6 +141,8 @@ class System(Frozen, Shown):
     state_space: StateSpace
     input_space: StateSpace
     surroundings: Surroundings | None = None  # set by `among`
+    rest: tuple[float, ...] | None = None  # set by `resting`
+    rest_blocks: Sequence[Block] = ()  # what `from_rest` gives
 
     def __init_subclass__(cls, **more: Any) -> None:
         super().__init_subclass__(**more)
@@ -202,7 +204,7 @@ class System(Frozen, Shown):
                     "an attribute of that name"
                 )
             values[name] = vars(self)[name]
-        made = type(self)(**values)
+        made = type(self)(**values).resting(self.rest)
         return made.among(self.surroundings.obstacles) if self.surroundings is not None else made
 
     def __repr__(self) -> str:
@@ -268,7 +270,7 @@ class System(Frozen, Shown):
         """What equals that of another system with the same equations: the class, its parameters and spaces."""
         parameters = sorted(self.parameters().items())
         obstacles = self.surroundings and self.surroundings.obstacles
-        return type(self), as_value(parameters), self.state_space, self.input_space, obstacles
+        return type(self), as_value(parameters), self.state_space, self.input_space, obstacles, self.rest
 
     @property
     def pose_outputs(self) -> tuple[Block, ...]:
@@ -303,12 +305,22 @@ class System(Frozen, Shown):
 
         None takes it away again.
         """
+        around = None if obstacles is None else Surroundings.of(self._bodies_somewhere(), obstacles)
+        return self._known_besides(surroundings=around)
+
+    def resting(self, state: Array | None) -> Self:
+        """This system with what it counts from a pose at rest, packed, among its quantities; None: without."""
+        return self._known_besides(rest=None if state is None else tuple(float(number) for number in state))
+
+    def _known_besides(self, **besides: Any) -> Self:
         kept = {name: value for name, value in self.__dict__.items() if not isinstance(value, Kept)}
         other = object.__new__(type(self))
-        other.__dict__.update(kept, surroundings=None)
-        if obstacles is not None:
-            other.__dict__["surroundings"] = Surroundings.of(other._bodies_somewhere(), obstacles)
+        other.__dict__.update(kept, **besides)
         return other
+
+    def from_rest(self, state: Array, rest: Array) -> dict[str, Array]:
+        """Quantities that count from the pose at rest; none unless overridden, with `rest_blocks`."""
+        return {}
 
     @property
     def dimension_of_bodies(self) -> int:
@@ -328,20 +340,24 @@ class System(Frozen, Shown):
     def quantities(self, state: Array, control: Array) -> dict[str, Array]:
         """`outputs`, and among obstacles the distances of its bodies."""
         own = self.outputs(state, control)
-        if self.surroundings is None:
-            return own
-        return {**own, DISTANCE: self.surroundings.distances(self.bodies(state))}
+        if self.rest is not None:
+            own = {**own, **self.from_rest(state, namespace().array(self.rest))}
+        if self.surroundings is not None:
+            own = {**own, DISTANCE: self.surroundings.distances(self.bodies(state))}
+        return own
 
     def quantity(self, name: str, state: Array, control: Array) -> Array:
         """One of `quantities`."""
         if self.surroundings is not None and name == DISTANCE:
             return self.surroundings.distances(self.bodies(state))
+        if self.rest is not None and name in (block.name for block in self.rest_blocks):
+            return self.from_rest(state, namespace().array(self.rest))[name]
         return self.output(name, state, control)
 
     @property
     def quantity_blocks(self) -> tuple[Block, ...]:
         """Blocks of `quantities`, as far as they are known without making expressions."""
-        own = tuple(self.output_blocks or ())
+        own = (*(self.output_blocks or ()), *(self.rest_blocks if self.rest is not None else ()))
         if self.surroundings is None:
             return own
         names = tuple(", ".join(pair) for pair in self.surroundings.pairs)

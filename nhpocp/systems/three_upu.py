@@ -7,6 +7,7 @@ from math import cos, hypot, pi, sin
 from typing import Any, ClassVar
 
 from nhpocp.arrays import Array, dot, namespace, solve_3x3, symbolic
+from nhpocp.bodies.hull import TINY
 from nhpocp.errors import InvalidProblemError
 from nhpocp.state_space import StateSpace, matrix, vector
 from nhpocp.systems.joints import Vector3
@@ -14,6 +15,7 @@ from nhpocp.systems.legs import Leg, several
 from nhpocp.systems.parallel_robot import SIZES, ParallelRobot, leg_data
 from nhpocp.systems.system import Parameter
 
+CONES = "joint_cones"  # among the quantities that count from the pose at rest
 LEG = {  # of a file, the fields of `Leg` that these legs may have
     "base": Parameter("vector", ..., "centre of the sphere, base coordinates"),
     "platform": Parameter("vector", ..., "centre of the universal joint, platform coordinates"),
@@ -125,6 +127,7 @@ class ThreeUPU(ParallelRobot):
         lengths, normal = self.output_blocks
         angles = matrix("joint_angles", 3, 4, "angle", symbol=r"\theta", words="joint angle", wraps=True)
         self.output_blocks = (other, lengths, angles, normal)
+        self.rest_blocks = (vector(CONES, 3, "angle", symbol="c", words="cone angle"),)
 
     def parameters(self) -> dict[str, Any]:
         if self._explicit:
@@ -184,6 +187,17 @@ class ThreeUPU(ParallelRobot):
             poses = self.leg_poses(state)
             return xp.rows([pose.joint_angles(r) for pose, r in zip(poses, references, strict=True)])
         return super().output(name, state, control)
+
+    def from_rest(self, state: Array, rest: Array) -> dict[str, Array]:
+        """The angle of each leg from its direction at rest, by the half-angle formula [rad]."""
+        xp, angles = namespace(state), []
+        for now, then in zip(self.leg_poses(state), self.leg_poses(rest), strict=True):
+            g = xp.array(then.g)
+            apart, sum_of_both = now.g - g, now.g + g
+            angles.append(
+                2.0 * xp.atan2(*(xp.sqrt(xp.maximum(dot(v, v), TINY)) for v in (apart, sum_of_both)))
+            )
+        return {CONES: xp.vector(angles)}
 
     def regularity(self, state: Array) -> dict[str, Array]:
         blocks = self.kinematics(state)
