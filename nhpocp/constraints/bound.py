@@ -90,12 +90,16 @@ class Bound(ByValue, Frozen):
 
     def relative_excess(self, values: Array) -> Array:
         """The excess in units of the size of the limit that is passed, each side and component by its own."""
+        return np.maximum(0.0, self.nearness(values))
+
+    def nearness(self, values: Array) -> Array:
+        """The relative excess; negative inside, where it says how far the nearer limit is."""
         lower, upper = np.asarray(self.lower, dtype=float), np.asarray(self.upper, dtype=float)
         sizes = self.sizes
         with np.errstate(invalid="ignore"):  # an infinite limit is never passed
-            below = np.where(np.isfinite(lower), (lower - values) / sizes[0], 0.0)
-            above = np.where(np.isfinite(upper), (values - upper) / sizes[1], 0.0)
-        return np.maximum(0.0, np.maximum(below, above))
+            below = np.where(np.isfinite(lower), (lower - values) / sizes[0], -np.inf)
+            above = np.where(np.isfinite(upper), (values - upper) / sizes[1], -np.inf)
+        return np.maximum(below, above)
 
     @cached_property
     def sizes(self) -> tuple[Array, Array]:
@@ -244,7 +248,7 @@ def check_bounds(
     reports = []
     for bound in bounds:
         values = np.asarray(trajectory[bound.quantity])
-        relative = np.where(np.isnan(values), np.inf, bound.relative_excess(values))
+        relative = np.where(np.isnan(values), np.inf, bound.nearness(values))
         place = np.unravel_index(int(np.argmax(relative)), relative.shape)
         worst = float(np.where(np.isnan(values), np.inf, bound.excess(values))[place])
         component = tuple(int(i) for i in place[1:])

@@ -194,9 +194,8 @@ class ThreeUPU(ParallelRobot):
         for now, then in zip(self.leg_poses(state), self.leg_poses(rest), strict=True):
             g = xp.array(then.g)
             apart, sum_of_both = now.g - g, now.g + g
-            angles.append(
-                2.0 * xp.atan2(*(xp.sqrt(xp.maximum(dot(v, v), TINY)) for v in (apart, sum_of_both)))
-            )
+            sine, cosine = (xp.sqrt(xp.maximum(dot(v, v), TINY)) for v in (apart, sum_of_both))
+            angles.append(2.0 * xp.atan2(sine, cosine))
         return {CONES: xp.vector(angles)}
 
     def regularity(self, state: Array) -> dict[str, Array]:

@@ -68,8 +68,8 @@ def _round(start: Array, end: Array, radius: float, around: int = 18, half: int 
     circle = np.cos(turns)[:, None] * first + np.sin(turns)[:, None] * second
     rings = [
         centre + radius * (np.sin(angle) * axis + np.cos(angle) * circle)
-        for centre, span in ((start, (-np.pi / 2, 0)), (end, (0, np.pi / 2)))
-        for angle in np.linspace(*span, half)
+        for centre, (lowest, highest) in ((start, (-np.pi / 2, 0.0)), (end, (0.0, np.pi / 2)))
+        for angle in np.linspace(lowest, highest, half)
     ]
     return [
         np.array([one[k], one[k + 1], other[k + 1], other[k], one[k]])
@@ -121,7 +121,7 @@ def plot_obstacles(axes: Any, system: System, low: Array, high: Array) -> None:
                 axes.fill(*outline.T, facecolor=COLOUR, edgecolor=EDGE, linewidth=0.8, hatch="////", zorder=1)
             continue
         flat = isinstance(obstacle.shape, HalfSpace)
-        sharp = flat or obstacle.shape.rank == 3
+        sharp = isinstance(obstacle.shape, HalfSpace) or obstacle.shape.rank == 3
         fill = Poly3DCollection(
             outlines,
             facecolor=COLOUR,
