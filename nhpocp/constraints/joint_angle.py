@@ -22,10 +22,7 @@ class JointAngle(ConstraintKind):
     """
 
     key = "joint_angle"
-    meaning = (
-        "[lo, hi] of each leg's theta1, theta2 (base), theta3, theta4 (platform), cone (from where the leg is at the "
-        "start); 80 deg is a number, too"
-    )
+    meaning = "[lo, hi] of each leg's theta1, theta2, cone (base), theta3, theta4 (platform); 80 deg is a number, too"
     shape = "pairs by name"
     example: ClassVar[Any] = {"theta4": (-1.5, 1.5)}
 
