@@ -163,7 +163,8 @@ class PlanningProblem(ByValue, Frozen, Shown):
         if self.obstacles and not self.system.has_bodies:
             words = f"the system {self.system.model} has no bodies to keep away from them; remove them"
             raise InvalidProblemError(words, path="obstacles", at_key=True)
-        named = [getattr(bound, "quantity", bound) for bound in self.bounds]
+        bounds = self.bounds if isinstance(self.bounds, list | tuple | Mapping) else ()
+        named = [getattr(bound, "quantity", bound) for bound in bounds]
         asked = bool(self.obstacles) or (DISTANCE in named and self.system.has_bodies)
         if asked or self.system.surroundings is not None:
             self.system = self.system.among(self.obstacles if asked else None)
