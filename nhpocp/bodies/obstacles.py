@@ -165,7 +165,11 @@ class Obstacle(ByValue, Frozen):
                 raise InvalidProblemError(f"missing; {entry.meaning}", path=f"{self.kind}.{name}")
         if self.kind == "mesh" and "points" not in self.entries:
             raise InvalidProblemError("missing; or file, an STL file", path="mesh.points")
-        given = {name: _checked(kind, name, value, self.kind) for name, value in self.entries.items()}
+        given = {
+            name: _checked(kind, name, self.entries[name], self.kind)
+            for name in kind.entries
+            if name in self.entries
+        }
         object.__setattr__(self, "entries", given)
         object.__setattr__(self, "name", self.name or self.kind)
         try:
