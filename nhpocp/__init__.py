@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from nhpocp.api import write_report as write_report
     from nhpocp.arrays import namespace as namespace
     from nhpocp.batch import Plan as Plan
+    from nhpocp.bodies.obstacles import Obstacle as Obstacle
     from nhpocp.comparison import Comparison as Comparison
     from nhpocp.comparison import Entry as Entry
     from nhpocp.comparison import Run as Run
@@ -139,6 +140,7 @@ _HOMES = {
     "Auto": "solvers.continuation.auto",
     "BSpline": "controls.bspline",
     "Block": "state_space",
+    "Obstacle": "bodies.obstacles",
     "Bound": "constraints.bound",
     "Car": "systems.car",
     "CarWithTrailers": "systems.car_with_trailers",

@@ -314,7 +314,7 @@ class ParallelRobot(System):
                 shared = [
                     f"leg {k}"
                     for k, other in enumerate(self.legs, 1)
-                    if leg.base == other.base or leg.platform == other.platform
+                    if k != i and (leg.base == other.base or leg.platform == other.platform)
                 ]
                 bodies[f"leg {i}"] = capsule(pose.a, pose.b, self._leg_radius).touching(
                     "base", "platform", *shared
