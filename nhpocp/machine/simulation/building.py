@@ -7,6 +7,7 @@ origin, is 15 cm, whatever the problem's unit; forces and masses are those of su
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
@@ -16,9 +17,11 @@ from nhpocp.errors import InvalidProblemError
 from nhpocp.machine.simulation.base_joints import BASE_JOINTS, Document, Roller, Seat
 from nhpocp.machine.simulation.mjcf import Element, add, as_text, axes
 from nhpocp.machine.simulation.settings import MachineSettings
+from nhpocp.problem import PlanningProblem
 from nhpocp.systems.legs import Leg
 from nhpocp.systems.parallel_robot import ParallelRobot
 from nhpocp.systems.system import System
+from nhpocp.whole import write_text
 
 SIZE = 0.15  # m, of the mechanism's own length
 STEP = 5e-4  # s
@@ -72,6 +75,18 @@ def build(system: ParallelRobot, position: Array, orientation: Array, settings: 
             motors.append(f"length {number}")
             lengths.append(float(leg.pose(position, orientation).length))
     return Built(as_text(root), metres, tuple(motors), np.array(lengths), tuple(rollers))
+
+
+def write_mjcf(problem: PlanningProblem, file: Path) -> None:
+    """The machine of a problem's robot at its start, with the settings that a simulation has unless told otherwise.
+
+    Errors: as of `as_robot` and `build`, and `OSError`.
+    """
+    robot = as_robot(problem.system)
+    position, orientation = (
+        np.asarray(problem.start[name], dtype=float) for name in ("position", "orientation")
+    )
+    write_text(file, build(robot, position, orientation, MachineSettings()).text)
 
 
 def _head(settings: MachineSettings) -> tuple[Element, Document]:
