@@ -61,6 +61,9 @@ def test_every_kind_is_read_written_and_drawn(numbers):
         for face in seen.faces(obstacle, np.full(numbers, -60.0), np.full(numbers, 60.0)):
             assert face.shape[1] == numbers
             np.testing.assert_allclose(face[0], face[-1])
+    parts = seen.parts(problem.system, np.full(numbers, -60.0), np.full(numbers, 60.0))
+    assert {part["name"] for part in parts} == {obstacle.name for obstacle in problem.obstacles}
+    assert {part["values"].shape[-1] for part in parts} == {numbers}
     assert (low <= -6).all()
     assert (high >= 6).all()
 
