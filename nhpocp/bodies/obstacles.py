@@ -140,9 +140,12 @@ KINDS: Mapping[str, Kind] = {
 
 @dataclass(frozen=True, eq=False)
 class Obstacle(ByValue, Frozen):
-    """An obstacle of a kind of `KINDS`, as a file writes it: `Obstacle("sphere", {"centre": [8, 0, 30], "radius": 2})`.
+    """An obstacle as a file writes it: `Obstacle("sphere", {"centre": [8, 0, 30], "radius": 2})`.
 
-    name: in messages, the kind and a number. Errors: `InvalidProblemError` for a kind, or an entry, that is none.
+    kind: in space sphere, capsule, box, half_space or mesh, in the plane disc, rectangle, polygon or half_plane.
+    entries: its place and size [length], angles [rad], by the names that a file has for them. name: in messages; none:
+    the kind, and in a problem a number.
+    Errors: `InvalidProblemError` for a kind, or an entry, that is none.
     """
 
     kind: str
