@@ -72,6 +72,7 @@ def to_json(simulation: Simulation) -> dict[str, Any]:
             "schema_version": SCHEMA_VERSION,
             "name": simulation.solution.problem.name,
             "reached": simulation.reached,
+            "outcome": simulation.outcome,
             "position_error": simulation.position_error,
             "angle_error": simulation.angle_error,
             "slip": simulation.slip,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import shutil
+import signal
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -189,8 +190,29 @@ def test_what_breaks_apart_says_so_and_leaves_no_file(
     monkeypatch.chdir(tmp_path)
     broken = play(plan, MachineSettings(stiffness=1e12), duration=SECONDS)
     assert "broke apart" in broken.failure
+    assert broken.outcome == "broken"
     assert not broken.reached
     assert not list(tmp_path.iterdir())  # MuJoCo would log its warnings here
+
+
+def test_a_stop_by_hand_keeps_what_was_measured(
+    stored: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
+    folder, advance = Path(shutil.copytree(stored, tmp_path / "copy")), Machine.advance
+
+    def pressed(machine: Machine, seconds: float) -> None:
+        advance(machine, seconds)
+        if 0.5 < machine.time < 0.503:
+            signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(Machine, "advance", pressed)
+    assert status(["simulate", str(folder), "--duration", "2", "--json"]) == 1
+    data = json.loads(capsys.readouterr().out)
+    assert (data["outcome"], data["reached"]) == ("interrupted", False)
+    assert "Stopped by hand after 0.5" in data["failure"]
+    with np.load(folder / "simulation" / "simulation.npz") as arrays:
+        assert 0.3 < arrays["t"][-1] < 0.5
+        assert all(np.isfinite(values).all() and len(values) > 50 for values in arrays.values())
 
 
 def test_nothing_of_the_equations_is_in_the_machine(plan: Solution, monkeypatch: pytest.MonkeyPatch) -> None:

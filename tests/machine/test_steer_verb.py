@@ -65,6 +65,54 @@ def test_many_machines(robot, capsys):
     assert float(rows[0]["base_radius"]) == stored["machines"][0]["wrong"]["base_radius"]
 
 
+def test_a_machine_of_bodies_and_contacts(robot, capsys):
+    pytest.importorskip("mujoco")
+    asked = ["--machine", "physics", "--gravity", "9.81", "--error", "roller_tilt=2deg,base_radius=1%"]
+    asked += ["--duration", "1", "--cycles", "4", "--set", "solvers.jacobian.objective=effort", "-o", "out"]
+    ended, out, _ = said(["steer", "robot.yaml", *asked, "--json"], capsys)
+    cycles = json.loads(out)["cycles"]
+    assert ended == 0
+    # measured with another model of this machine: 1.32, 0.099, 5.4e-3, 3.6e-4 units
+    found = [cycle["position_error"] for cycle in cycles[1:]]
+    assert found[0] == pytest.approx(1.32, rel=0.05)
+    assert len(found) == 4
+    assert found[3] < 1e-3
+    plant = json.loads((robot / "out" / "steer.json").read_text(encoding="utf-8"))["plant"]
+    assert (plant["kind"], plant["gravity"]) == ("physics", 9.81)
+
+
+def test_many_machines_of_bodies_and_contacts(robot, capsys):
+    pytest.importorskip("mujoco")
+    asked = [
+        "--machine",
+        "physics",
+        "--runs",
+        "1",
+        "--noise",
+        "1e-4",
+        "--duration",
+        "1",
+        "-o",
+        "out",
+        "--json",
+    ]
+    ended, out, _ = said(["steer", "robot.yaml", *asked], capsys)
+    table = json.loads(out)["table"]["position_error"]
+    assert ended == 0
+    assert table["with"][-1] < 5e-3 < table["without"][-1]
+
+
+def test_a_machine_that_breaks_ends_it_and_keeps_what_was_measured(robot, capsys):
+    pytest.importorskip("mujoco")
+    asked = ["--machine", "physics", "--servo", "1e12", "--duration", "1", "-o", "out", "--json"]
+    ended, out, _ = said(["steer", "robot.yaml", *asked], capsys)
+    answer = json.loads(out)
+    assert ended == 1
+    assert answer["outcome"] == "interrupted"
+    assert "broke apart" in answer["message"]
+    assert (robot / "out" / "steer.json").exists()
+
+
 def test_pictures_of_a_cart(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "cart.yaml").write_text(nhpocp.dump_problem(CART), encoding="utf-8")
@@ -81,6 +129,9 @@ def test_pictures_of_a_cart(tmp_path, monkeypatch, capsys):
         (["--tolerance", "0"], "not positive"),
         (["--objective", "beauty"], "none of none, effort"),
         (["--noise", "-1"], "noise"),
+        (["--noise", "-1", "--machine", "physics"], "noise"),
+        (["--gravity", "9.81"], "add --machine physics"),
+        (["--duration", "0"], "duration"),
         (["--set", "horizon={min: 1, max: 2}"], "horizon"),
     ],
 )
@@ -89,6 +140,14 @@ def test_bad_input_is_answered(arguments, words, robot, capsys):
     assert (ended, out) == (2, "")
     assert words in err
     assert "Traceback" not in err
+
+
+def test_what_has_no_bodies_is_refused(robot, capsys):
+    pytest.importorskip("mujoco")
+    (robot / "cart.yaml").write_text(nhpocp.dump_problem(CART), encoding="utf-8")
+    ended, _, err = said(["steer", "cart.yaml", "--machine", "physics"], capsys)
+    assert ended == 2
+    assert "unicycle cannot be built" in err
 
 
 def test_what_others_wrote_is_left_alone(robot, capsys):

@@ -14,7 +14,7 @@ from nhpocp.errors import CallError, InvalidProblemError
 from nhpocp.machine.feedback.fleet import steer_fleet
 from nhpocp.machine.feedback.planning_again import PlannedRun, Replanner
 from nhpocp.machine.feedback.set_points import SetPoints
-from nhpocp.machine.feedback.simulated_plant import SimulatedPlant
+from nhpocp.machine.feedback.simulated_plant import KinematicWorkshop, SimulatedPlant
 from nhpocp.machine.feedback.steering import Ending, Steering
 from nhpocp.machine.model_errors import ModelErrors
 from tests.conftest import paper_problem
@@ -203,7 +203,8 @@ def test_a_limit_of_cycles_and_of_progress():
 
 def test_the_same_seed_is_the_same_machine():
     def ends(seed):
-        fleet = steer_fleet(PAPER, ModelErrors.of_all(2, ROBOT), 3, QUICK, noise=1e-4, seed=seed)
+        workshop = KinematicWorkshop(PAPER.start, 1e-4, 1 / 400)
+        fleet = steer_fleet(PAPER, ModelErrors.of_all(2, ROBOT), 3, QUICK, workshop, seed=seed)
         assert fleet.reached == 3
         assert fleet.errors_at_the_end("position_error", feedback=True).max() < 5e-3
         return fleet.errors_at_the_end("error", feedback=False)

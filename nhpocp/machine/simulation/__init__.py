@@ -15,10 +15,12 @@ if TYPE_CHECKING:
     from nhpocp.machine.simulation.playing import Simulation as Simulation
     from nhpocp.machine.simulation.playing import play as play
     from nhpocp.machine.simulation.settings import MachineSettings as MachineSettings
+    from nhpocp.machine.simulation.workshop import PhysicsWorkshop as PhysicsWorkshop
 
 _HOMES = {
     "Machine": "machine",
     "MachineSettings": "settings",
+    "PhysicsWorkshop": "workshop",
     "Simulation": "playing",
     "build": "building",
     "play": "playing",

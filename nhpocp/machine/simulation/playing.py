@@ -13,14 +13,14 @@ import numpy as np
 from nhpocp import so3
 from nhpocp.arrays import Array
 from nhpocp.errors import InvalidProblemError
+from nhpocp.interruption import STOPPED, Interruption
 from nhpocp.machine.model_errors import ModelErrors
 from nhpocp.machine.simulation.building import as_robot
-from nhpocp.machine.simulation.machine import LONGEST_SETTLING, Machine
+from nhpocp.machine.simulation.machine import CONTROL_STEP, LONGEST_SETTLING, Machine, MachineBroke
 from nhpocp.machine.simulation.settings import MachineSettings
 from nhpocp.solution import Solution
 from nhpocp.systems.parallel_robot import ParallelRobot
 
-CONTROL_STEP = 0.002  # s between set-points
 SAMPLES = 400  # over the duration
 SHORTEST, LONGEST = 0.01, 3600.0  # s
 REST = 0.5  # s that the last set-point is held for at least, until nothing moves, before the end is judged
@@ -36,8 +36,9 @@ class Simulation:
     the machine "position", "orientation", "leg_lengths", "motor_force" [N], "normal_force", "friction_force" [N] and
     "slip_rate", "slip" [length/s, length] of the rollers, and of the plan "planned_position", "planned_orientation",
     "planned_leg_lengths", "position_error" [length], "angle_error" [rad]. motors, rollers: numbers of the legs that
-    have one, in the order of the arrays. failure: in words, "" for none. model: the machine as MJCF. engine: which, and
-    its version. seconds: that the computer took.
+    have one, in the order of the arrays. failure: in words, "" for none; what was measured before it is there, and the
+    errors at the end are those where it ended. interrupted: whether somebody stopped it. model: the machine as MJCF.
+    engine: which, and its version. seconds: that the computer took.
     """
 
     solution: Solution
@@ -48,6 +49,7 @@ class Simulation:
     motors: tuple[int, ...]
     rollers: tuple[int, ...]
     failure: str
+    interrupted: bool
     model: str = field(repr=False)
     engine: str
     seconds: float
@@ -67,6 +69,13 @@ class Simulation:
         """The way that a ball has slipped along the axle of its roller, of the worst of them [length]."""
         slip = self.trajectory["slip"]
         return float(slip[-1].max()) if slip.size else 0.0
+
+    @property
+    def outcome(self) -> str:
+        """`reached`, `missed`, `interrupted` by hand, or `broken` by what it was to do."""
+        if self.interrupted:
+            return "interrupted"
+        return "broken" if self.failure else "reached" if self.reached else "missed"
 
     @property
     def reached(self) -> bool:
@@ -105,25 +114,16 @@ def play(
     plan = _Plan(solution, system)
     start = {"position": plan.position(0.0), "orientation": plan.orientation(0.0)}
     machine = Machine(ModelErrors.parsed(settings.errors, system).machine()[0], start, settings)
-    machine.home(plan.leg_lengths(0.0))
-    machine.settle()
     log = _Log(machine, plan)
-    steps = max(1, round(duration / CONTROL_STEP))
-    every = max(1, round(steps / SAMPLES))
-    least, most = (steps + round(seconds / CONTROL_STEP) for seconds in (REST, LONGEST_SETTLING))
-    log.sample(0.0, 0.0)
-    for k in range(1, most + 1):
-        share = min(1.0, k / steps)
-        if k <= steps:
-            machine.command(plan.leg_lengths(share))
-        machine.advance(CONTROL_STEP)
-        over = machine.failure or k == most or (k >= least and machine.at_rest)
-        if over or k % every == 0:
-            log.sample(k * CONTROL_STEP, share)
-            if progress:
-                progress(min(k, steps), steps)
-        if over:
-            break
+    failure, interrupted = "", False
+    with Interruption() as interruption:
+        try:
+            _follow(machine, plan, log, duration, progress, interruption.check)
+        except KeyboardInterrupt:
+            failure, interrupted = f"{STOPPED} after {machine.time:.3g} s", True
+        except MachineBroke as error:
+            failure = str(error)
+        log.sample()
     return Simulation(
         solution=solution,
         settings=settings,
@@ -132,11 +132,41 @@ def play(
         trajectory=log.trajectory(),
         motors=tuple(i for i, leg in enumerate(system.legs, 1) if leg.actuated),
         rollers=tuple(roller.leg for roller in machine.built.rollers),
-        failure=machine.failure,
+        failure=failure,
+        interrupted=interrupted,
         model=machine.built.text,
         engine=machine.engine,
         seconds=time.perf_counter() - began,
     )
+
+
+def _follow(
+    machine: Machine,
+    plan: _Plan,
+    log: _Log,
+    duration: float,
+    progress: Callable[[int, int], Any] | None,
+    check: Callable[[], None],
+) -> None:
+    """Until the plan is over and nothing moves any more; between two steps ``check`` may raise."""
+    machine.home(plan.leg_lengths(0.0))
+    machine.settle()
+    steps = max(1, round(duration / CONTROL_STEP))
+    every = max(1, round(steps / SAMPLES))
+    least, most = (steps + round(seconds / CONTROL_STEP) for seconds in (REST, LONGEST_SETTLING))
+    log.sample()
+    for k in range(1, most + 1):
+        check()
+        log.now, log.share = k * CONTROL_STEP, min(1.0, k / steps)
+        if k <= steps:
+            machine.command(plan.leg_lengths(log.share))
+        machine.advance(CONTROL_STEP)
+        if k >= least and machine.at_rest:
+            break
+        if k % every == 0:
+            log.sample()
+            if progress:
+                progress(min(k, steps), steps)
 
 
 class _Plan:
@@ -172,18 +202,22 @@ class _Plan:
 
 
 class _Log:
-    """What is measured, sample by sample."""
+    """What is measured, sample by sample, at a time [s] that is a share of the plan's."""
 
     def __init__(self, machine: Machine, plan: _Plan) -> None:
         self._machine, self._plan = machine, plan
+        self.now = self.share = 0.0
         self._rows: dict[str, list[Any]] = {}
 
-    def sample(self, now: float, share: float) -> None:
-        machine, plan = self._machine, self._plan
+    def sample(self) -> None:
+        """At this time; once."""
+        if self.now in self._rows.get("t", [])[-1:]:
+            return
+        machine, plan, share = self._machine, self._plan, self.share
         pose, contacts = machine.measure(), machine.contacts()
         planned, turned = plan.position(share), plan.orientation(share)
         values = {
-            "t": now,
+            "t": self.now,
             **pose,
             "leg_lengths": machine.leg_lengths(),
             "motor_force": machine.motor_forces(),
