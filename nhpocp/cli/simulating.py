@@ -92,8 +92,10 @@ def simulate(
 
 def _pictures(played: Simulation, folder: Path) -> None:
     from nhpocp.views.simulation_figures import write_simulation_pictures  # once the numbers are written
+    from nhpocp.views.simulation_page import write_simulation_page
 
     write_simulation_pictures(played, folder)
+    write_simulation_page(played, folder / "animation.html")
 
 
 def _json(played: Simulation, written: Path) -> dict[str, Any]:

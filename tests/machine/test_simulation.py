@@ -242,6 +242,7 @@ def test_the_verb_writes_a_folder_that_may_be_replaced(stored: Path, tmp_path: P
     inside = folder / "simulation"
     assert data["folder"] == str(inside)
     names = {"simulation.json", "simulation.csv", "simulation.npz", "simulation.png", "simulation.svg"}
+    names |= {"animation.html"}
     assert {file.name for file in inside.iterdir()} == names
     assert json.loads((inside / "simulation.json").read_text(encoding="utf-8"))["schema_version"] == 1
     with (inside / "simulation.csv").open(newline="", encoding="utf-8") as stream:
@@ -261,6 +262,15 @@ def test_the_verb_says_that_the_machine_missed(stored: Path, tmp_path: Path, cap
     asked = ["--duration", "2", "--error", "roller_tilt=2deg,base_radius=1%", "--gravity", "9.81"]
     assert status(["simulate", str(folder), *asked]) == 1
     assert "missed the plan's end" in capsys.readouterr().out
+    page = (folder / "simulation" / "animation.html").read_text(encoding="utf-8")
+    (run,) = json.loads(page.split('type="application/json">')[1].split("</script>")[0])["runs"]
+    with np.load(folder / "simulation" / "simulation.npz") as arrays:
+        measured, planned = arrays["position"], arrays["planned_position"]
+        assert run["times"][-1] == arrays["t"][-1]
+    values = {part["name"]: np.array(part["values"]) for part in run["parts"] if len(part["values"]) > 1}
+    for name, path in (("platform", measured), ("planned platform", planned)):
+        middle = values[name][-1, :3].mean(axis=0)  # of the three joints
+        assert middle == pytest.approx(path[-1], abs=1e-3)
     data = json.loads((folder / "simulation" / "simulation.json").read_text(encoding="utf-8"))
     assert data["machine"]["errors"] == "roller_tilt=2deg,base_radius=1%"
 

@@ -17,9 +17,10 @@ from nhpocp.errors import CallError, InvalidProblemError, OrientationAtPiError, 
 from nhpocp.frozen import replace as changed
 from nhpocp.interruption import STOPPED, Interruption
 from nhpocp.machine.feedback.guarded_plant import GuardedPlant, PlantError
+from nhpocp.machine.feedback.model_estimate import ModelEstimate, WatchedPlant
 from nhpocp.machine.feedback.planning_again import FINER, PlannedRun, Replanner
 from nhpocp.machine.feedback.plant import Plant
-from nhpocp.machine.feedback.set_points import SetPoints
+from nhpocp.machine.feedback.set_points import STEPS, SetPoints
 from nhpocp.machine.feedback.under_way import LAST, corrected
 from nhpocp.objectives.registry import costs_of_motion
 from nhpocp.outcome import Outcome
@@ -251,23 +252,31 @@ class _Run:
         steering, control, corrections = self.steering, plan.control, 0
         duration = steering.duration or control.horizon
         run = SetPoints.of(plan.problem, control, duration).begun_at(self.told)
+        times = self._corrected_at(duration)
+        if not len(times):
+            self._follow(run)
+            return run, 0
+        estimate = ModelEstimate(changed(self.problem, start=plan.problem.start), duration, STEPS)
+        watched = WatchedPlant(self.plant, estimate)
         done: SetPoints | None = None
-        for time in self._corrected_at(duration):
+        for time in times:
             if time <= run.times[0]:  # a command lasts longer than that
                 continue
             part = run.until(time)
-            self._follow(part, goes_on=True)
+            self._follow(part, watched, goes_on=True)
             done = part if done is None else done.followed_by(part)
             since = float(part.times[-1]) * control.horizon / duration
             point = self._from_here().start_point
-            correction = corrected(
-                self.problem, control, since, point, FINER * steering.tolerance, self.replanner.metric
-            )
+            estimate.learn(point)
+            point = estimate.without_lag(point)
+            near = FINER * steering.tolerance
+            correction = corrected(estimate.problem, control, since, point, near, self.replanner.metric)
             if correction is None:
                 run = run.after(part)
                 continue
             control, corrections = correction.control, corrections + 1
-            run = SetPoints.of(self.problem, control, duration, since, point).begun_at(self.told)
+            rest = SetPoints.of(estimate.problem, control, duration, since, point)
+            run = rest.through(estimate.gains).begun_at(self.told)
         self._follow(run)
         return (run if done is None else done.followed_by(run)), corrections
 
@@ -277,8 +286,8 @@ class _Run:
             return np.empty(0)
         return np.arange(1, int(LAST * duration * self.steering.rate * (1 + 1e-9)) + 1) / self.steering.rate
 
-    def _follow(self, run: SetPoints, goes_on: bool = False) -> None:
-        self.told = run.begun_at(self.told).run(self.plant, self.check, goes_on=goes_on)
+    def _follow(self, run: SetPoints, plant: Plant | None = None, *, goes_on: bool = False) -> None:
+        self.told = run.begun_at(self.told).run(plant or self.plant, self.check, goes_on=goes_on)
 
     def _at_rest(self) -> PlanningProblem:
         """`_from_here`, once the machine has come to rest."""

@@ -31,17 +31,18 @@ TOLERANCE = 5e-3  # units of length, and degrees
 class Simulation:
     """A plan and what a machine made of it.
 
-    solution: the plan. settings: of the machine. duration: that the plan was played over [s]. tolerance: by which the
-    end may miss the plan's, in units of length and in degrees. trajectory: arrays by name, samples first: "t" [s], of
-    the machine "position", "orientation", "leg_lengths", "motor_force" [N], "normal_force", "friction_force" [N] and
-    "slip_rate", "slip" [length/s, length] of the rollers, and of the plan "planned_position", "planned_orientation",
-    "planned_leg_lengths", "position_error" [length], "angle_error" [rad]. motors, rollers: numbers of the legs that
-    have one, in the order of the arrays. failure: in words, "" for none; what was measured before it is there, and the
-    errors at the end are those where it ended. interrupted: whether somebody stopped it. model: the machine as MJCF.
-    engine: which, and its version. seconds: that the computer took.
+    solution: the plan. system: with the machine's own parameters. settings: of the machine. duration: that the plan was
+    played over [s]. tolerance: by which the end may miss the plan's, in units of length and in degrees. trajectory:
+    arrays by name, samples first: "t" [s], of the machine "position", "orientation", "leg_lengths", "motor_force" [N],
+    "normal_force", "friction_force" [N] and "slip_rate", "slip" [length/s, length] of the rollers, and of the plan
+    "planned_position", "planned_orientation", "planned_leg_lengths", "position_error" [length], "angle_error" [rad].
+    motors, rollers: numbers of the legs that have one, in the order of the arrays. failure: in words, "" for none; what
+    was measured before it is there, and the errors at the end are those where it ended. interrupted: whether somebody
+    stopped it. model: the machine as MJCF. engine: which, and its version. seconds: that the computer took.
     """
 
     solution: Solution
+    system: ParallelRobot
     settings: MachineSettings
     duration: float
     tolerance: float
@@ -113,7 +114,8 @@ def play(
     system = as_robot(solution.problem.system)
     plan = _Plan(solution, system)
     start = {"position": plan.position(0.0), "orientation": plan.orientation(0.0)}
-    machine = Machine(ModelErrors.parsed(settings.errors, system).machine()[0], start, settings)
+    own = as_robot(ModelErrors.parsed(settings.errors, system).machine()[0])
+    machine = Machine(own, start, settings)
     log = _Log(machine, plan)
     failure, interrupted = "", False
     with Interruption() as interruption:
@@ -126,6 +128,7 @@ def play(
         log.sample()
     return Simulation(
         solution=solution,
+        system=own,
         settings=settings,
         duration=duration,
         tolerance=tolerance,
