@@ -69,24 +69,26 @@ def _words(played: Simulation) -> Markup:
 def _panels(played: Simulation) -> list[Panel]:
     """How far from the plan, what motors and servos do, and what is felt at the rollers."""
     path, length = played.trajectory, played.solution.problem.units.words("length")
-    lag = path["leg_lengths"] - path["planned_leg_lengths"]
+    driven, legs = played.drive.name, played.drive.labels
+    lag, words = path[driven] - path[f"planned_{driven}"], driven.rstrip("s").replace("_", " ")
     every = [
         _panel(played, "error", "distance from the plan", length, path["position_error"][:, None]),
         _panel(played, "error", "angle from the plan", "°", np.degrees(path["angle_error"])[:, None]),
-        _panel(played, "leg", "leg length less the set-point", length, lag, played.motors),
-        _panel(played, "control", "motor force", "N", path["motor_force"], played.motors),
+        _panel(played, "leg", f"{words} less the set-point", length, lag, legs),
+        _panel(played, "control", "motor force", "N", path["motor_force"], legs),
     ]
     if played.rollers:
         slip, pressed = path["slip_rate"], path["normal_force"]
-        every.append(_panel(played, "output", "slip along the axle", f"{length}/s", slip, played.rollers))
-        every.append(_panel(played, "output", "force at the contact", "N", pressed, played.rollers))
+        contacts = tuple(f"contact {number}" for number in played.rollers)
+        every.append(_panel(played, "output", "slip", f"{length}/s", slip, contacts))
+        every.append(_panel(played, "output", "force at the contact", "N", pressed, contacts))
     return every
 
 
 def _panel(
-    played: Simulation, group: str, words: str, unit: str, values: Array, legs: tuple[int, ...] = ()
+    played: Simulation, group: str, words: str, unit: str, values: Array, labels: tuple[str, ...] = ()
 ) -> Panel:
     times, name = played.trajectory["t"], words.replace(" ", "_")
-    symbols = [f"leg {number}" for number in legs] or [words.split()[0]]
+    symbols = labels or (words.split()[0],)
     curves = tuple(Curve(name, s, unit, times, column) for s, column in zip(symbols, values.T, strict=True))
     return Panel(group, name, words, "", curves, zero=True)

@@ -18,11 +18,13 @@ import nhpocp
 from nhpocp import so3
 from nhpocp.cli.entry import status
 from nhpocp.machine.simulation import Machine, MachineSettings, Simulation, build, play, playing
+from nhpocp.simulation_folder import save_simulation
 from nhpocp.solution import Solution
 from nhpocp.solution_folder import save_solution
 from nhpocp.solution_folder.target import require_replaceable
 from nhpocp.systems.parallel_robot import ParallelRobot
 from tests.conftest import paper_problem
+from tests.machine.conftest import PROBLEMS
 
 pytest.importorskip("mujoco")
 SECONDS = 2.0  # of a play: driftless plans may be played at any speed
@@ -213,6 +215,35 @@ def test_a_stop_by_hand_keeps_what_was_measured(
     with np.load(folder / "simulation" / "simulation.npz") as arrays:
         assert 0.3 < arrays["t"][-1] < 0.5
         assert all(np.isfinite(values).all() and len(values) > 50 for values in arrays.values())
+
+
+@pytest.fixture(scope="module")
+def rolled() -> Solution:
+    return nhpocp.solve(nhpocp.load_problem(PROBLEMS / "rolling_sphere.yaml"))
+
+
+def test_a_ball_rolls_on_its_contact_as_the_plan_says(rolled: Solution, tmp_path: Path) -> None:
+    played = play(rolled, duration=SECONDS)
+    position, angle = off(played)
+    assert position < 1e-6
+    assert angle < 0.1
+    goal = rolled.problem.goal["orientation"]
+    assert np.degrees(so3.angle(played.trajectory["orientation"][-1] @ np.asarray(goal).T)) < 0.1
+    folder = save_solution(rolled, tmp_path / "ball")
+    save_simulation(played, folder)
+    header = (folder / "simulation" / "simulation.csv").read_text(encoding="utf-8").splitlines()[0]
+    assert {"centre_x", "planned_centre_y", "motor_force_x", "slip_1", "position_2"} <= set(header.split(","))
+    slippery = play(rolled, MachineSettings(friction=1e-4), duration=SECONDS)
+    assert off(slippery)[1] > 10
+    assert slippery.slip > 100 * played.slip
+    other = play(rolled, MachineSettings(errors="radius=1%"), duration=SECONDS)
+    assert off(other)[1] == pytest.approx(1.6, abs=0.3)  # the area rolled round goes by the square of the radius: 2 % of 90°
+
+
+def test_what_spins_as_it_likes_is_refused(rolled: Solution) -> None:
+    marble = nhpocp.RollingSphere(contact="marble")
+    with pytest.raises(nhpocp.InvalidProblemError, match="nothing drives its spin"):
+        Machine(marble, rolled.problem.start)
 
 
 def test_nothing_of_the_equations_is_in_the_machine(plan: Solution, monkeypatch: pytest.MonkeyPatch) -> None:

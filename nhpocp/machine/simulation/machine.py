@@ -13,7 +13,8 @@ from nhpocp import so3
 from nhpocp.arrays import Array
 from nhpocp.errors import InvalidProblemError, MissingDependencyError, NhpocpError
 from nhpocp.machine.simulation.base_joints import Roller
-from nhpocp.machine.simulation.building import STEP, as_robot, build
+from nhpocp.machine.simulation.building import built
+from nhpocp.machine.simulation.built import STEP
 from nhpocp.machine.simulation.settings import MachineSettings
 from nhpocp.systems.system import System
 
@@ -39,25 +40,26 @@ class Contacts(NamedTuple):
 
 
 class Machine:
-    """A parallel robot as bodies, joints and contacts, driven by position servos.
+    """A parallel robot, or a ball on a plane, as bodies, joints and contacts, driven by position servos.
 
-    It is a `Plant`: `command`, `advance`, `measure` are all that a controller needs. Every time is in seconds, every
-    length in the system's unit. Where the integration breaks down the machine stands still; ``failure`` says so, in
-    words.
+    That of a robot is a `Plant`: `command`, `advance`, `measure` are all that a controller needs. Every time is in
+    seconds, every length in the system's unit. Where the integration breaks down the machine stands still; ``failure``
+    says so, in words.
     """
 
     def __init__(
         self, system: System, start: Mapping[str, Array], settings: MachineSettings | None = None
     ) -> None:
-        """At a pose of the platform, {"position": (3,) [length], "orientation": (3, 3)}, with its servos holding it.
+        """At a pose, {"position": (3,) [length] (of a ball (2,)), "orientation": (3, 3)}, with its servos holding it.
 
         Errors: `MissingDependencyError` without MuJoCo; `InvalidProblemError` for a system that cannot be built, or
         bodies that do not fit the pose.
         """
         self.system, self.settings = system, settings or MachineSettings()
-        robot = as_robot(system)
-        pose = (np.asarray(start["position"], dtype=float), np.asarray(start["orientation"], dtype=float))
-        self.built = build(robot, *pose, self.settings)
+        position, orientation = (
+            np.asarray(start.get(name), dtype=float) for name in ("position", "orientation")
+        )
+        self.built = built(system, position, orientation, self.settings)
         self._mujoco = _mujoco()
         try:
             self._model = self._mujoco.MjModel.from_xml_string(self.built.text)
@@ -66,7 +68,7 @@ class Machine:
         self._data = self._mujoco.MjData(self._model)
         self._motors = [self._model.actuator(name).id for name in self.built.motors]
         self._rods = [self._model.joint(name).qposadr[0] for name in self.built.motors]
-        self._platform = self._model.body("platform").id
+        self._body, self._components = self._model.body(self.built.body).id, len(position)
         self._rims = [self._model.geom(f"rim {roller.leg}").id for roller in self.built.rollers]
         kinds = self._mujoco.mjtWarning
         self._bad = [int(k) for k in (kinds.mjWARN_BADQPOS, kinds.mjWARN_BADQVEL, kinds.mjWARN_BADQACC)]
@@ -102,10 +104,10 @@ class Machine:
 
     def pose(self) -> dict[str, Array]:
         """The platform's pose as it is, {"position": (3,) [length], "orientation": (3, 3)}."""
-        position = self._data.xpos[self._platform] / self.built.metres
+        position = self._data.xpos[self._body][: self._components] / self.built.metres
         return {
             "position": position.copy(),
-            "orientation": self._data.xmat[self._platform].reshape(3, 3).copy(),
+            "orientation": self._data.xmat[self._body].reshape(3, 3).copy(),
         }
 
     @property
@@ -205,9 +207,10 @@ class Machine:
         if roller.carrier:
             carrier = self._data.body(roller.carrier)
             turned = carrier.xmat.reshape(3, 3)
-            point, axle = carrier.xpos + turned @ point, turned @ axle
+            point, axle = carrier.xpos + turned @ point, axle @ turned.T
         ball, own = (self._velocity(name, point) for name in (roller.ball, roller.roller))
-        return float((ball - own) @ axle)
+        along = axle @ (ball - own)
+        return float(along) if along.ndim == 0 else float(np.linalg.norm(along))
 
     def _velocity(self, body: str, point: Array) -> Array:
         """Of the point of a body that is at this place [m/s]."""

@@ -15,11 +15,12 @@ from nhpocp.arrays import Array
 from nhpocp.errors import InvalidProblemError
 from nhpocp.interruption import STOPPED, Interruption
 from nhpocp.machine.model_errors import ModelErrors
-from nhpocp.machine.simulation.building import as_robot
+from nhpocp.machine.simulation.building import drive_of
+from nhpocp.machine.simulation.built import Drive
 from nhpocp.machine.simulation.machine import CONTROL_STEP, LONGEST_SETTLING, Machine, MachineBroke
 from nhpocp.machine.simulation.settings import MachineSettings
 from nhpocp.solution import Solution
-from nhpocp.systems.parallel_robot import ParallelRobot
+from nhpocp.systems.system import System
 
 SAMPLES = 400  # over the duration
 SHORTEST, LONGEST = 0.01, 3600.0  # s
@@ -36,24 +37,30 @@ class Simulation:
     arrays by name, samples first: "t" [s], of the machine "position", "orientation", "leg_lengths", "motor_force" [N],
     "normal_force", "friction_force" [N] and "slip_rate", "slip" [length/s, length] of the rollers, and of the plan
     "planned_position", "planned_orientation", "planned_leg_lengths", "position_error" [length], "angle_error" [rad].
-    motors, rollers: numbers of the legs that have one, in the order of the arrays. failure: in words, "" for none; what
+    drive: what the motors follow; where that are no leg lengths, arrays are called by its name. rollers: numbers of the
+    contacts, those of their legs, in the order of the arrays. failure: in words, "" for none; what
     was measured before it is there, and the errors at the end are those where it ended. interrupted: whether somebody
     stopped it. model: the machine as MJCF. engine: which, and its version. seconds: that the computer took.
     """
 
     solution: Solution
-    system: ParallelRobot
+    system: System
     settings: MachineSettings
     duration: float
     tolerance: float
     trajectory: Mapping[str, Array]
-    motors: tuple[int, ...]
+    drive: Drive
     rollers: tuple[int, ...]
     failure: str
     interrupted: bool
     model: str = field(repr=False)
     engine: str
     seconds: float
+
+    @property
+    def motors(self) -> tuple[str, ...]:
+        """The last words of the motors' labels, numbers of legs, in the order of the arrays."""
+        return tuple(label.split()[-1] for label in self.drive.labels)
 
     @property
     def position_error(self) -> float:
@@ -111,12 +118,13 @@ def play(
         raise InvalidProblemError(f"{duration:g} s; expected {SHORTEST} to {LONGEST:g} s", path="duration")
     if not tolerance > 0:
         raise InvalidProblemError(f"{tolerance:g}; expected a number > 0", path="tolerance")
-    system = as_robot(solution.problem.system)
-    plan = _Plan(solution, system)
+    system = solution.problem.system
+    drive = drive_of(system)
+    plan = _Plan(solution, drive)
     start = {"position": plan.position(0.0), "orientation": plan.orientation(0.0)}
-    own = as_robot(ModelErrors.parsed(settings.errors, system).machine()[0])
+    own = ModelErrors.parsed(settings.errors, system).machine()[0]
     machine = Machine(own, start, settings)
-    log = _Log(machine, plan)
+    log = _Log(machine, plan, drive.name)
     failure, interrupted = "", False
     with Interruption() as interruption:
         try:
@@ -133,7 +141,7 @@ def play(
         duration=duration,
         tolerance=tolerance,
         trajectory=log.trajectory(),
-        motors=tuple(i for i, leg in enumerate(system.legs, 1) if leg.actuated),
+        drive=drive,
         rollers=tuple(roller.leg for roller in machine.built.rollers),
         failure=failure,
         interrupted=interrupted,
@@ -152,7 +160,7 @@ def _follow(
     check: Callable[[], None],
 ) -> None:
     """Until the plan is over and nothing moves any more; between two steps ``check`` may raise."""
-    machine.home(plan.leg_lengths(0.0))
+    machine.home(plan.set_points(0.0))
     machine.settle()
     steps = max(1, round(duration / CONTROL_STEP))
     every = max(1, round(steps / SAMPLES))
@@ -162,7 +170,7 @@ def _follow(
         check()
         log.now, log.share = k * CONTROL_STEP, min(1.0, k / steps)
         if k <= steps:
-            machine.command(plan.leg_lengths(log.share))
+            machine.command(plan.set_points(log.share))
         machine.advance(CONTROL_STEP)
         if k >= least and machine.at_rest:
             break
@@ -175,23 +183,21 @@ def _follow(
 class _Plan:
     """The plan's pose and its driven legs' lengths at a share of its horizon."""
 
-    def __init__(self, solution: Solution, system: ParallelRobot) -> None:
+    def __init__(self, solution: Solution, drive: Drive) -> None:
         from scipy.interpolate import CubicSpline
 
         path = {name: np.asarray(solution.trajectory[name]) for name in ("t", "position", "orientation")}
-        lengths = np.asarray(solution.trajectory["leg_lengths"]).reshape(len(path["t"]), -1)
+        lengths = np.asarray(solution.trajectory[drive.source]).reshape(len(path["t"]), -1)
         if len(path["t"]) < 2 or not all(np.isfinite(values).all() for values in (*path.values(), lengths)):
             raise InvalidProblemError(
                 f"this plan has no finite path to follow ({solution.outcome.value}); solve again, then simulate"
             )
-        free = [leg for leg in system.legs if not leg.pinned]
-        driven = [i for i, leg in enumerate(free) if leg.actuated]
         self._shares = path["t"] / path["t"][-1]
-        self._lengths = CubicSpline(self._shares, lengths[:, driven])
+        self._lengths = CubicSpline(self._shares, lengths[:, list(drive.columns)])
         self._position = CubicSpline(self._shares, path["position"])
         self._rotations = path["orientation"].reshape(-1, 3, 3)
 
-    def leg_lengths(self, share: float) -> Array:
+    def set_points(self, share: float) -> Array:
         return self._lengths(share)
 
     def position(self, share: float) -> Array:
@@ -207,8 +213,8 @@ class _Plan:
 class _Log:
     """What is measured, sample by sample, at a time [s] that is a share of the plan's."""
 
-    def __init__(self, machine: Machine, plan: _Plan) -> None:
-        self._machine, self._plan = machine, plan
+    def __init__(self, machine: Machine, plan: _Plan, driven: str) -> None:
+        self._machine, self._plan, self._driven = machine, plan, driven
         self.now = self.share = 0.0
         self._rows: dict[str, list[Any]] = {}
 
@@ -222,14 +228,14 @@ class _Log:
         values = {
             "t": self.now,
             **pose,
-            "leg_lengths": machine.leg_lengths(),
+            self._driven: machine.leg_lengths(),
             "motor_force": machine.motor_forces(),
             "normal_force": contacts.normal,
             "friction_force": contacts.friction,
             "slip_rate": contacts.slip,
             "planned_position": planned,
             "planned_orientation": turned,
-            "planned_leg_lengths": plan.leg_lengths(share),
+            f"planned_{self._driven}": plan.set_points(share),
             "position_error": float(np.linalg.norm(pose["position"] - planned)),
             "angle_error": float(so3.angle(pose["orientation"] @ turned.T)),
         }

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from nhpocp.arrays import Array
+from nhpocp.machine.simulation.building import as_robot
 from nhpocp.machine.simulation.machine import Machine
 from nhpocp.machine.simulation.settings import MachineSettings
 from nhpocp.systems.system import System
@@ -21,7 +22,7 @@ class PhysicsWorkshop:
 
     def made(self, system: System, gains: Array | None, seed: int | Sequence[int]) -> Machine:
         """Motors that are told lengths have no gains. Errors: as of `Machine`."""
-        return Machine(system, self.start, replace(self.settings, seed=seed))
+        return Machine(as_robot(system), self.start, replace(self.settings, seed=seed))
 
     @property
     def facts(self) -> dict[str, Any]:
