@@ -237,7 +237,8 @@ def test_a_ball_rolls_on_its_contact_as_the_plan_says(rolled: Solution, tmp_path
     assert off(slippery)[1] > 10
     assert slippery.slip > 100 * played.slip
     other = play(rolled, MachineSettings(errors="radius=1%"), duration=SECONDS)
-    assert off(other)[1] == pytest.approx(1.6, abs=0.3)  # the area rolled round goes by the square of the radius: 2 % of 90°
+    # the area that is rolled round goes by the square of the radius: 2 % of 90°
+    assert off(other)[1] == pytest.approx(1.6, abs=0.3)
 
 
 def test_what_spins_as_it_likes_is_refused(rolled: Solution) -> None:
@@ -324,9 +325,38 @@ def test_what_is_none_is_refused(stored: Path, option: str, value: str, words: s
     assert not (stored / "simulation").exists()
 
 
+def test_a_comparison_asks_the_machine(tmp_path: Path, capsys: Any) -> None:
+    home, alone = tmp_path / "out", ["--only", "--variant", "jacobian:gamma=1"]
+    asked = [
+        str(PROBLEMS / "paper.yaml"),
+        str(PROBLEMS / "unicycle.yaml"),
+        *alone,
+        "--set",
+        "output.pictures=false",
+    ]
+    assert status(["compare", *asked, "--physics", "-o", str(home), "--json"]) == 0
+    robot, cart = json.loads(capsys.readouterr().out)["runs"]
+    assert robot["physics_outcome"] == "reached"
+    assert 0 < robot["physics_position_error"] < 5e-3
+    assert cart["physics_outcome"] is None  # it has no bodies
+    assert "On a machine in a physics engine" in (home / "report.html").read_text(encoding="utf-8")
+    again = tmp_path / "again"
+    assert status(["compare", "--from", str(home), "-o", str(again), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["runs"][0]["physics_slip"] == robot["physics_slip"]
+
+
 def test_without_mujoco_the_line_that_brings_it_is_told(
-    stored: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+    stored: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
 ) -> None:
     monkeypatch.setitem(__import__("sys").modules, "mujoco", None)
-    assert status(["simulate", str(stored)]) == 3
-    assert 'pip install "nhpocp[physics]"' in capsys.readouterr().err
+    paper = str(PROBLEMS / "paper.yaml")
+    asked = (
+        ["simulate", str(stored)],
+        ["compare", paper, "--physics"],
+        ["steer", paper, "--machine", "physics"],
+    )
+    for arguments in asked:
+        assert (
+            status([*arguments, *([] if arguments[0] == "simulate" else ["-o", str(tmp_path / "out")])]) == 3
+        )
+        assert 'pip install "nhpocp[physics]"' in capsys.readouterr().err

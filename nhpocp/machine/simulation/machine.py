@@ -60,7 +60,7 @@ class Machine:
             np.asarray(start.get(name), dtype=float) for name in ("position", "orientation")
         )
         self.built = built(system, position, orientation, self.settings)
-        self._mujoco = _mujoco()
+        self._mujoco = require_engine()
         try:
             self._model = self._mujoco.MjModel.from_xml_string(self.built.text)
         except ValueError as error:
@@ -220,7 +220,7 @@ class Machine:
         return moved[3:] + np.cross(moved[:3], point - self._data.xpos[number])
 
 
-def _mujoco() -> ModuleType:
+def require_engine() -> ModuleType:
     """Errors: `MissingDependencyError` with the line that installs it."""
     try:
         import mujoco
