@@ -20,6 +20,7 @@ os.environ["NHPOCP_COMPILE"] = "never"  # `auto` builds nothing in the backgroun
 
 import numpy as np
 import pytest
+from markupsafe import Markup
 
 from nhpocp import interruption, so3
 from nhpocp.arrays import namespace
@@ -150,3 +151,9 @@ def axe_violations(page: Any) -> list[str]:
 
     found = Axe().run(page).response["violations"]
     return [f"{rule['id']}: {rule['help']}: {rule['nodes'][0]['html']}" for rule in found]
+
+
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Reports without their curves, for tests of their words; tests/views/test_report.py looks at them drawn."""
+    monkeypatch.setattr("nhpocp.views.report.inline_svg", lambda *_: Markup("<svg></svg>"))

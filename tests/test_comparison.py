@@ -117,12 +117,10 @@ def here(*arguments: Any, cwd: Path) -> subprocess.CompletedProcess[str]:
 
 @pytest.fixture(scope="module")
 def compared(tmp_path_factory):
-    """The paper's problem by both methods and in one space of controls."""
+    """The unicycle's problem by both methods and in one space of controls."""
     home = tmp_path_factory.mktemp("compared")
-    done = run(
-        *("compare", PROBLEMS / "paper.yaml", *FAST, "--variant", "nlp:control=basis", "-o", "out", "--json"),
-        cwd=home,
-    )
+    variant = ("--variant", "nlp:control=basis")
+    done = run("compare", PROBLEMS / "unicycle.yaml", *FAST, *variant, "-o", "out", "--json", cwd=home)
     assert done.returncode == 0, done.stderr
     return home, done
 
@@ -467,7 +465,7 @@ def test_compare_prints_what_it_stores(compared):
     assert data == json.loads((home / "out" / "comparison.json").read_text())
     rows = data["runs"]
     assert [row["variant"] for row in rows] == ["jacobian", "nlp", "nlp:control=basis"]
-    assert [row["folder"] for row in rows][2] == "out/paper/nlp-control-basis"
+    assert [row["folder"] for row in rows][2] == "out/unicycle/nlp-control-basis"
     assert all(row["converged"] and row["claim_right"] for row in rows)
     assert all((home / row["folder"] / "solution.json").exists() for row in rows)
     assert rows[1]["optimality_gap"] == 0
@@ -483,10 +481,10 @@ def test_from_folders_gives_the_same_table(compared, tmp_path):
         assert (tmp_path / name).read_bytes() == (home / "out" / name).read_bytes()
 
 
-def test_from_takes_single_folders(compared, tmp_path):
+def test_from_takes_single_folders(compared, tmp_path, undrawn):
     home, _ = compared
     done = here(
-        "compare", "--from", "out/paper/nlp", "out/paper/jacobian", "-o", tmp_path, "--json", cwd=home
+        "compare", "--from", "out/unicycle/nlp", "out/unicycle/jacobian", "-o", tmp_path, "--json", cwd=home
     )
     assert [row["variant"] for row in json.loads(done.stdout)["runs"]] == ["nlp", "jacobian"]
 
@@ -510,7 +508,7 @@ def test_bad_input_is_status_2_and_leaves_nothing(arguments, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_the_report_is_written_whatever_one_run_raises(tmp_path, monkeypatch, capsys):
+def test_the_report_is_written_whatever_one_run_raises(tmp_path, monkeypatch, capsys, undrawn):
     def fail(*_: Any) -> Solution:
         raise TypeError("unsupported operand")
 
@@ -561,7 +559,7 @@ def test_ctrl_c_writes_the_report_of_what_is_there(tmp_path):
     assert not report.exists() or note in report.read_text()
 
 
-def test_python_says_it_as_the_contract_does(tmp_path):
+def test_python_says_it_as_the_contract_does(tmp_path, undrawn):
     import nhpocp
 
     problem = replace(paper_problem(), samples=21)
@@ -593,7 +591,7 @@ def test_a_row_says_its_basis():
     assert [row["basis"] for row in rows] == ["fourier harmonics=1", "fourier harmonics=3"]
 
 
-def test_the_two_default_runs_may_be_left_out(tmp_path, capsys):
+def test_the_two_default_runs_may_be_left_out(tmp_path, capsys, undrawn):
     file = tmp_path / "line.yaml"
     file.write_text(
         "nhpocp: 1\nsystem: {model: heisenberg}\nstart: {x: 0, y: 0, z: 0}\ngoal: {x: 0, y: 0, z: 1}\n"

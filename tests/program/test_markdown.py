@@ -69,7 +69,7 @@ def folder(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("page", PAGES)
-def test_what_a_page_shows_happens(page, folder):
+def test_what_a_page_shows_happens(page, folder, undrawn):
     said = ""
     for block in blocks(page):
         assert block.language in LANGUAGES, f"{page} has a block of {block.language}, which nothing reads"

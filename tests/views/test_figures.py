@@ -277,7 +277,7 @@ def test_png_size_and_layout_are_fixed(tmp_path: Path) -> None:
 
 
 def test_pictures_are_reproducible_to_the_byte(tmp_path: Path) -> None:
-    for kinds, names in ((("svg",), list(FIGURES)), (("pdf", "png"), ["robot"])):
+    for kinds, names in ((("svg",), ["controls", "convergence", "robot"]), (("pdf", "png"), ["robot"])):
         first = write_pictures(good(), tmp_path / "a", formats=kinds, names=names)
         second = write_pictures(good(), tmp_path / "b", formats=kinds, names=names)
         assert [file.read_bytes() for file in first] == [file.read_bytes() for file in second]

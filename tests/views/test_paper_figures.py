@@ -97,12 +97,12 @@ def test_text_of_svg_is_text_in_fonts_of_its_own(tmp_path: Path) -> None:
         assert not any(
             0xE000 <= ord(letter) < 0xF900 for letter in "".join(words(file))
         )  # no font's private letters
-    again = write_pictures(good(), tmp_path / "b", ("svg",), room=COLUMN, text=True)
-    assert [file.read_bytes() for file in files] == [file.read_bytes() for file in again]
+    (again,) = write_pictures(good(), tmp_path / "b", ("svg",), [first.stem], room=COLUMN, text=True)
+    assert first.read_bytes() == again.read_bytes()
 
 
 def test_fonts_of_pdf_are_type_42_and_embedded(tmp_path: Path) -> None:
-    for file in write_pictures(good(), tmp_path, ("pdf",), room=COLUMN):
+    for file in write_pictures(good(), tmp_path, ("pdf",), ["controls", "robot"], room=COLUMN):
         content = file.read_bytes()
         assert b"/Type3" not in content.replace(b" ", b"")
         assert b"/CIDFontType2" in content

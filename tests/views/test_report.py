@@ -164,7 +164,7 @@ def test_the_same_solutions_give_the_same_bytes(page, tmp_path):
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.__name__)
-def test_every_kind_of_solution_gives_a_page(case, monkeypatch):
+def test_every_kind_of_solution_gives_a_page(case, monkeypatch, undrawn):
     system = case().problem.system
     if system.parameters() is None:  # the toys say nothing of theirs
         monkeypatch.setattr(type(system), "parameters", lambda self: {})
@@ -195,7 +195,7 @@ def test_users_words_are_escaped():
     assert text.count("&lt;script&gt;") > 8
 
 
-def test_failed_runs_appear_with_their_reason():
+def test_failed_runs_appear_with_their_reason(undrawn):
     failed = made(
         0.0,
         ok=None,
@@ -212,7 +212,7 @@ def test_failed_runs_appear_with_their_reason():
     assert "There is no verified motion" in words
 
 
-def test_several_problems_share_a_summary():
+def test_several_problems_share_a_summary(undrawn):
     runs = [made(), made(problem=line(goal=2.0, name="other")), made(problem=line(goal=3.0, name="third"))]
     page = Page(render(Comparison.of(runs)))
     assert [attributes["href"] for attributes in page.named("a")] == [
@@ -223,14 +223,14 @@ def test_several_problems_share_a_summary():
     assert "All problems" in page.words
 
 
-def test_many_runs_are_split_over_tables():
+def test_many_runs_are_split_over_tables(undrawn):
     runs = [made(1 + 0.1 * k, settings={"gamma": float(k)}) for k in range(6)]
     page = Page(render(Comparison.of(runs)))
     assert "All 6 runs reach the goal" in page.words
     assert "tolerance" in page.words
 
 
-def test_sentences_for_equal_costs():
+def test_sentences_for_equal_costs(undrawn):
     words = " ".join(Page(render(Comparison.of([made(), made(solver="nlp")]))).words.split())
     assert "Both runs reach the goal" in words
     assert "costs the same" in words
@@ -422,13 +422,13 @@ def test_the_report_passes_axe(browser, tmp_path, page):
     tab.close()
 
 
-def test_animations_are_linked_where_there_are_some():
+def test_animations_are_linked_where_there_are_some(undrawn):
     page = Page(render(Comparison.of([made()]), {"line": "a b/animation.html"}))
     assert page.named("a") == [{"href": "a%20b/animation.html"}]
     assert "a b/animation.html" in page.words
 
 
-def test_the_control_to_begin_with_is_said_of_every_run_that_has_its_own():
+def test_the_control_to_begin_with_is_said_of_every_run_that_has_its_own(undrawn):
     runs = [made(problem=line(basis=Fourier(h), initial=None).read_from(f"harmonics: {h}")) for h in (1, 3)]
     words = Page(render(Comparison.of(runs))).words
     for h in (1, 3):
