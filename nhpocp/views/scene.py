@@ -67,7 +67,8 @@ def scene(solution: Solution, most: int) -> dict[str, Any]:
     system, chosen = solution.problem.system, thinned(path_of(solution).samples, most)
     times, states = path_of(solution).times[chosen], drawing.states_of(solution, path_of(solution))[chosen]
     points = drawing.path_points(solution, path_of(solution))
-    return composed(solution, times, [drawn(system, state) for state in states], trace=points[chosen])
+    frames = [drawn(system, state) for state in states]
+    return composed(solution, times, frames, trace=points[chosen] if len(points) else None)
 
 
 def composed(
@@ -84,8 +85,6 @@ def composed(
     system, parts = solution.problem.system, _parts(frames)
     if "trace" in frames[0]:
         trace = np.array([frame["trace"] for frame in frames], dtype=float)
-    elif trace is not None and not len(trace):
-        trace = None
     moving = {name for name in frames[0]["lines"] if len(_along(frames, _line(name))) > 1}
     ends = ends_of(solution)
     ghosts = [{"words": words, "outlines": _outlines(end, moving)} for words, end in ends.items()]

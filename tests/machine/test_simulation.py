@@ -23,6 +23,7 @@ from nhpocp.solution import Solution
 from nhpocp.solution_folder import save_solution
 from nhpocp.solution_folder.target import require_replaceable
 from nhpocp.systems.parallel_robot import ParallelRobot
+from nhpocp.views import simulation_figures
 from tests.conftest import paper_problem
 from tests.machine.conftest import PROBLEMS
 
@@ -289,7 +290,10 @@ def test_the_verb_writes_a_folder_that_may_be_replaced(stored: Path, tmp_path: P
         require_replaceable(folder, folder)
 
 
-def test_the_verb_says_that_the_machine_missed(stored: Path, tmp_path: Path, capsys: Any) -> None:
+def test_the_verb_says_that_the_machine_missed(
+    stored: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
+    monkeypatch.setattr(simulation_figures, "write_simulation_pictures", lambda *_: None)
     folder = Path(shutil.copytree(stored, tmp_path / "copy"))
     asked = ["--duration", "2", "--error", "roller_tilt=2deg,base_radius=1%", "--gravity", "9.81"]
     assert status(["simulate", str(folder), *asked]) == 1
@@ -325,7 +329,7 @@ def test_what_is_none_is_refused(stored: Path, option: str, value: str, words: s
     assert not (stored / "simulation").exists()
 
 
-def test_a_comparison_asks_the_machine(tmp_path: Path, capsys: Any) -> None:
+def test_a_comparison_asks_the_machine(tmp_path: Path, capsys: Any, undrawn: None) -> None:
     home, alone = tmp_path / "out", ["--only", "--variant", "jacobian:gamma=1"]
     asked = [
         str(PROBLEMS / "paper.yaml"),
