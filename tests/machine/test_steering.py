@@ -19,6 +19,7 @@ from nhpocp.machine.feedback.simulated_plant import KinematicWorkshop, Simulated
 from nhpocp.machine.feedback.steering import Ending, Steering
 from nhpocp.machine.model_errors import ModelErrors
 from tests.conftest import paper_problem
+from tests.machine.conftest import PROBLEMS
 
 PAPER = paper_problem()
 ROBOT = PAPER.system
@@ -214,6 +215,18 @@ def test_parameters_are_found_from_a_part_of_a_run():
     exact = ModelEstimate(PAPER, 1.0, 200)
     followed(SimulatedPlant(ROBOT, PAPER.start, step=0.01), exact)
     assert exact.problem is PAPER
+
+
+def test_of_a_robot_without_parameters_only_the_lag_is_learnt():
+    problem = nhpocp.load_problem(PROBLEMS / "parallel_robot.yaml")
+    estimate = ModelEstimate(problem, 1.0, 200)
+    for k in range(3):
+        estimate.command(np.array([30 + 0.1 * k, 30, 30]))
+        estimate.advance(0.01)
+    behind = problem.system.state_space.retract(estimate._twins[0].point, -0.02 * estimate._velocity)
+    estimate.learn(behind)
+    assert estimate.problem is problem
+    assert estimate.without_lag(behind) == pytest.approx(estimate._twins[0].point, abs=2e-4)
 
 
 def test_a_lag_of_servos_is_no_error_of_the_model():

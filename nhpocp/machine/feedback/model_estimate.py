@@ -38,9 +38,8 @@ class ModelEstimate:
             (e.name, np.shape(problem.system.parameters().get(e.name, 1.0))) for e in self._errors.errors
         ]
         count = sum(int(np.prod(shape)) for _, shape in self._names)
-        self._twins = [
-            self._made(SMALL * row, duration / steps) for row in np.vstack([np.zeros(count), np.eye(count)])
-        ]
+        elsewhere = SMALL * np.vstack([np.zeros(count), np.eye(count)])
+        self._twins = [self._made(p, duration / steps) for p in elsewhere]
         self._weights = np.array(problem.system.state_space.weights(problem.error_length))
         self._rows, self._residuals = [UNSEEN * np.eye(count + 1)], [np.zeros(count + 1)]
         self._used = np.zeros(count)
@@ -102,8 +101,11 @@ class ModelEstimate:
         return SimulatedPlant(system, self._problem.start, gains=values, step=step)
 
     def _fractions(self, p: Array) -> dict[str, Array]:
-        parts = np.split(p, np.cumsum([int(np.prod(shape)) for _, shape in self._names])[:-1])
-        return {name: part.reshape(shape) for (name, shape), part in zip(self._names, parts, strict=True)}
+        fractions, left = {}, p
+        for name, shape in self._names:
+            count = int(np.prod(shape))
+            fractions[name], left = left[:count].reshape(shape), left[count:]
+        return fractions
 
 
 class WatchedPlant:
