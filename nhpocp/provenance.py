@@ -22,17 +22,22 @@ PACKAGES = ("nhpocp", "casadi", "numpy", "scipy")
 
 def machine() -> dict[str, Any]:
     """Versions and machine, as the report states them."""
-    packages = {}
-    for name in PACKAGES:
-        with suppress(PackageNotFoundError):
-            packages[name] = version(name)
     return {
-        **packages,
+        **_versions(),
         "python": platform.python_version(),
         "platform": platform.platform(),
         "processor": _said_of_processor("model name") or platform.processor() or platform.machine(),
         "cores": os.cpu_count(),
     }
+
+
+@cache
+def _versions() -> dict[str, str]:
+    versions = {}
+    for name in PACKAGES:
+        with suppress(PackageNotFoundError):
+            versions[name] = version(name)
+    return versions
 
 
 def processor() -> str:
