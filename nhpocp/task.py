@@ -96,7 +96,7 @@ class Task:
         """
         parts = []
         if self._fixed.blocks:
-            error, angles = call(self._difference, point, self._wanted)
+            error, angles = call(self.difference_function, point, self._wanted)
             _refuse_half_turn(angles)
             parts.append(error.ravel())
         for output in self.outputs:
@@ -104,7 +104,8 @@ class Task:
         return np.concatenate(parts) if len(parts) > 1 else parts[0]
 
     @cached_property
-    def _difference(self) -> ca.Function:
+    def difference_function(self) -> ca.Function:
+        """(point, the blocks' values as a point) ↦ (e of the blocks, unweighted; the angles of rotations)."""
         return _difference(self.space, self._fixed)
 
     def _output_error(self, output: Block, value: Array) -> Array:
@@ -182,7 +183,7 @@ class AlikeTasks:
         """e (k, size), unweighted, of the tasks at these places, each at its point (k, n); which have one, (k,)."""
         lanes = np.arange(1 << (len(self._wanted) - 1).bit_length())  # so that few functions serve any number
         padded = (rows.take(lanes, axis=0, mode="wrap") for rows in (points, self._wanted[places]))
-        errors, angles = call(side_by_side(self.first._difference, len(lanes)), *padded)
+        errors, angles = call(side_by_side(self.first.difference_function, len(lanes)), *padded)
         single = (angles[: len(places)] <= np.pi - HALF_TURN_WITHIN).all(axis=1)
         return errors[: len(places)], single
 

@@ -1,17 +1,18 @@
-"""The verb `export`: a plan for a machine, or the table of a study; the argument decides."""
+"""The verb `export`: a plan for a machine, a planner, or the table of a study; argument and format decide."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import click
 
 from nhpocp.cli.exit_status import SOLVED
-from nhpocp.cli.options import json_option
+from nhpocp.cli.options import json_option, opened, set_option
 from nhpocp.cli.terminal import put, say, tell
 from nhpocp.errors import InvalidProblemError
-from nhpocp.machine.export.registry import FORMATS
+from nhpocp.machine.export.registry import FORMATS, MACHINES, PLANNERS
 
 TABLES = ("csv", "parquet")  # of a study
 PLAN = {  # options of a plan, by the keyword that they are
@@ -21,18 +22,19 @@ PLAN = {  # options of a plan, by the keyword that they are
     "max_speed": "--max-speed",
     "max_acceleration": "--max-acceleration",
 }
-MEANINGS = "; ".join(f"{name}: {each.meaning}" for name, each in FORMATS.items())
+OF_A_PLAN = FORMATS | MACHINES
+MEANINGS = "; ".join(f"{name}: {each.meaning}" for name, each in (OF_A_PLAN | PLANNERS).items())
 
 
-@click.command(epilog=f"Formats of a plan. {MEANINGS}. MCAP needs the extra `export`, Parquet `parquet`.")
-@click.argument("source", type=click.Path(path_type=Path), metavar="DIR|STUDY.sqlite")
+@click.command(epilog=f"Formats. {MEANINGS}. MCAP needs the extra `export`, Parquet `parquet`.")
+@click.argument("source", type=click.Path(path_type=Path), metavar="DIR|FILE|STUDY.sqlite")
 @click.option(
     "--format",
     "kind",
-    type=click.Choice([*FORMATS, "parquet"]),
+    type=click.Choice([*OF_A_PLAN, *PLANNERS, "parquet"]),
     default="csv",
     show_default=True,
-    help=f"Of a plan {', '.join(FORMATS)}; of a study {', '.join(TABLES)}.",
+    help=f"Of a plan {', '.join(OF_A_PLAN)}; of a problem {', '.join(PLANNERS)}; of a study {', '.join(TABLES)}.",
 )
 @click.option("--rate", type=float, help="Samples per unit of time (Hz where that is s); default: 100.")
 @click.option(
@@ -48,48 +50,62 @@ MEANINGS = "; ".join(f"{name}: {each.meaning}" for name, each in FORMATS.items()
 )
 @click.option("--max-speed", type=float, help="Of every leg with a motor; without legs, of every input.")
 @click.option("--max-acceleration", type=float, help="Likewise.")
+@set_option
 @click.option(
     "-o",
     "--output",
     type=click.Path(path_type=Path),
-    help="The file; default: motion.ENDING in DIR, or the table beside the store.",
+    help="The file; default: motion.ENDING (machine.xml) in DIR, NAME_planner.c here, or the table beside the store.",
 )
 @json_option
-def export(source: Path, kind: str, output: Path | None, as_json: bool, **timing: Any) -> int:
-    """Write a plan for a machine, or a study's rows as a table.
+def export(
+    source: Path, kind: str, overrides: tuple[str, ...], output: Path | None, as_json: bool, **timing: Any
+) -> int:
+    """Write a plan for a machine, a planner that needs no Python, or a study's rows as a table.
 
     Of a solution folder DIR: poses, inputs and legs with speeds and accelerations, at a machine's rate, in its time and
     within its limits, integrated again from the plan itself.
 
+    Of a problem FILE (--format c-planner): a C99 file and its header, which plan from any start to any goal as the
+    Jacobian method does with `step_rule: adaptive`; --set changes the problem.
+
     Of a STUDY.sqlite: one row a run, its axes, how it ended, costs and margins.
     """
     given = {name: value for name, value in timing.items() if value is not None}
+    if kind in MACHINES | PLANNERS:
+        _refuse_timing(given, f"an option of a motion, which {kind} is not")
+    if kind in PLANNERS:
+        return _planner(source, kind, overrides, output, as_json)
+    if overrides:
+        words = f"changes a problem FILE, which {', '.join(PLANNERS)} is made of; this was planned as it is"
+        raise InvalidProblemError(words, path="--set")
+    if kind in MACHINES and source.is_dir():
+        return _machine(source, kind, output, as_json)
     if source.is_dir():
         return _plan(source, kind, output, given, as_json)
     if not source.exists():
         words = "no such file or folder; expected a solution folder, or the store of a study"
         raise InvalidProblemError(words, file=str(source))
-    if given:
-        words = "an option of a solution folder; a study's table takes --format and -o"
-        raise InvalidProblemError(words, path=PLAN[next(iter(given))])
+    _refuse_timing(given, "an option of a solution folder; a study's table takes --format and -o")
     if kind not in TABLES:
         words = f"{kind} is a format of a solution folder, and this is none; of a study: {', '.join(TABLES)}"
-        raise InvalidProblemError(words, file=str(source))
+        raise InvalidProblemError(f"{words}; of a problem: {', '.join(PLANNERS)}", file=str(source))
     return _table(source, kind, output, as_json)
+
+
+def _refuse_timing(given: dict[str, Any], words: str) -> None:
+    if given:
+        raise InvalidProblemError(words, path=PLAN[next(iter(given))])
 
 
 def _plan(folder: Path, kind: str, output: Path | None, timing: dict[str, Any], as_json: bool) -> int:
     if kind not in FORMATS:
-        words = f"{kind} is a format of a study, STUDY.sqlite; of a solution folder: {', '.join(FORMATS)}"
+        words = f"{kind} is a format of a study, STUDY.sqlite; of a solution folder: {', '.join(OF_A_PLAN)}"
         raise InvalidProblemError(words, file=str(folder))
     from nhpocp.machine.export.motion import make_motion
     from nhpocp.solution_folder import load_solution, unwritable
-    from nhpocp.solution_folder.target import DATA
 
-    file = output or folder / FORMATS[kind].file_name
-    _check_file(file)
-    if file.name in DATA and file.resolve().parent == folder.resolve():
-        raise InvalidProblemError("this is a file of the solution itself; name another", file=str(file))
+    file = _file_beside(folder, output, FORMATS[kind].file_name)
     solution = load_solution(folder)
     motion = make_motion(solution, **timing)
     if not motion.converged:
@@ -117,6 +133,63 @@ def _plan(folder: Path, kind: str, output: Path | None, timing: dict[str, Any], 
         tell(str(file))
         say(f"{samples} samples over {scaling.duration:.6g}, {scaling.profile.name}")
     return SOLVED
+
+
+def _machine(folder: Path, kind: str, output: Path | None, as_json: bool) -> int:
+    from nhpocp.solution_folder import load_solution, unwritable
+
+    file = _file_beside(folder, output, MACHINES[kind].file_name)
+    problem = load_solution(folder).problem
+    try:
+        MACHINES[kind].write(problem, file)
+    except OSError as error:
+        raise unwritable(file, error) from error
+    if as_json:
+        put({"file": str(file), "format": kind})
+    else:
+        tell(str(file))
+    return SOLVED
+
+
+def _planner(source: Path, kind: str, overrides: Sequence[str], output: Path | None, as_json: bool) -> int:
+    if source.is_dir():
+        words = f"this is a folder; {kind} is made of a problem's file, such as {source / 'problem.yaml'}"
+        raise InvalidProblemError(words, file=str(source))
+    document = opened(source, overrides)
+    from nhpocp.csv_writer import identifiers
+    from nhpocp.planning import own_solver
+    from nhpocp.problem_file import build
+    from nhpocp.solution_folder import unwritable
+
+    problem = build(document)
+    (stem,) = identifiers([f"{problem.name}_{PLANNERS[kind].stem}"])
+    file = output or Path(f"{stem}.{PLANNERS[kind].ending}")
+    _check_file(file)
+    solver = own_solver(problem, "jacobian")
+    try:
+        header = PLANNERS[kind].write(problem, solver, file)
+    except InvalidProblemError as error:
+        raise error if error.file else document.located(error) from error
+    except OSError as error:
+        raise unwritable(file, error) from error
+    if as_json:
+        put({"file": str(file), "header": str(header), "format": kind, "name": stem})
+    else:
+        tell(f"{file}\n{header}")
+        if solver.settings().get("step_rule") == "auto":
+            say("of `step_rule: auto` the planner has the first way alone: one start, by `adaptive`")
+    return SOLVED
+
+
+def _file_beside(folder: Path, output: Path | None, name: str) -> Path:
+    """The file that is asked for, which is none of the solution's own."""
+    from nhpocp.solution_folder.target import DATA
+
+    file = output or folder / name
+    _check_file(file)
+    if file.name in DATA and file.resolve().parent == folder.resolve():
+        raise InvalidProblemError("this is a file of the solution itself; name another", file=str(file))
+    return file
 
 
 def _check_file(file: Path) -> None:

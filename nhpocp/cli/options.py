@@ -12,6 +12,7 @@ from nhpocp.cli.terminal import say
 
 if TYPE_CHECKING:
     from nhpocp.problem import PlanningProblem
+    from nhpocp.problem_file import ProblemFile
 
 
 def json_option(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -32,9 +33,16 @@ def set_option(command: Callable[..., Any]) -> Callable[..., Any]:
 
 def load(file: Path, overrides: Sequence[str]) -> PlanningProblem:
     """The problem of a file; what is doubtful about it is said."""
-    from nhpocp.problem_file import build, read
+    from nhpocp.problem_file import build
+
+    return build(opened(file, overrides))
+
+
+def opened(file: Path, overrides: Sequence[str]) -> ProblemFile:
+    """A problem's file, which knows where it says what; what is doubtful about it is said."""
+    from nhpocp.problem_file import read
 
     document = read(file, overrides)
     for line in document.warning_lines():
         say(line)
-    return build(document)
+    return document

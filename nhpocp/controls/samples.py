@@ -50,12 +50,13 @@ class Samples:
         return len(self) if len(self) * width <= KEPT else max(1, SLICE // width)
 
     @cached_property
-    def _whole(self) -> Table:
+    def whole(self) -> Table:
+        """All of them, however large."""
         return self._table(slice(None))
 
     def _slices(self) -> Iterator[tuple[slice, Table]]:
         if self._rows >= len(self):
-            yield slice(0, len(self)), self._whole
+            yield slice(0, len(self)), self.whole
             return
         for first in range(0, len(self), self._rows):
             part = slice(first, min(first + self._rows, len(self)))
@@ -64,7 +65,7 @@ class Samples:
     def controls(self, coefficients: Array) -> Array:
         """Λ φ at the times: (rows, size) ↦ (k, rows)."""
         if self._rows >= len(self):
-            return self._whole @ coefficients.T
+            return self.whole @ coefficients.T
         controls = np.empty((len(self), len(coefficients)))
         for part, table in self._slices():
             controls[part] = table @ coefficients.T
@@ -73,7 +74,7 @@ class Samples:
     def transposed(self, rows: Array) -> Array:
         """Sums over the times: (k, r) ↦ (size, r)."""
         if self._rows >= len(self):
-            return self._whole.transposed(rows)
+            return self.whole.transposed(rows)
         return np.asarray(sum(table.transposed(rows[part]) for part, table in self._slices()))
 
     def dense(self) -> Array:

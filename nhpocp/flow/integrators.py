@@ -125,7 +125,7 @@ class RungeKuttaFlow(Flow):
     def __init__(
         self, dynamics: Dynamics, tableau: Tableau, times: Array, grid: Grid, kernels: Kernels
     ) -> None:
-        self.times, self._grid, self._kernels = times, grid, kernels
+        self.times, self.grid, self._kernels = times, grid, kernels
         self._dynamics, self._tableau = dynamics, tableau
 
     @cached_property
@@ -134,7 +134,7 @@ class RungeKuttaFlow(Flow):
 
     def _sweep(self, start: Array, coefficients: Array, stops: Sequence[int]) -> Sweep:
         start, coefficients = (np.asarray(numbers, dtype=float) for numbers in (start, coefficients))
-        return Sweep(start, self._grid, coefficients, tuple(stops))
+        return Sweep(start, self.grid, coefficients, tuple(stops))
 
     def states(self, start: Array, coefficients: Array) -> Array:
         sweep = self._sweep(start, coefficients, ())
@@ -144,7 +144,7 @@ class RungeKuttaFlow(Flow):
 
     def ends(self, start: Array, coefficients: Array, differentiated: bool = True) -> Ends:
         start, coefficients = (np.asarray(numbers, dtype=float) for numbers in (start, coefficients))
-        bundle = Bundle(start, self._grid, coefficients, differentiated)
+        bundle = Bundle(start, self.grid, coefficients, differentiated)
         return self._kernels.bundled(self._scheme, bundle)
 
     def sensitivity(self, start: Array, coefficients: Array, stops: Sequence[int] = (-1,)) -> Swept:

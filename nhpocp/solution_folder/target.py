@@ -10,7 +10,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from nhpocp.errors import InvalidProblemError
-from nhpocp.machine.export.registry import FORMATS
+from nhpocp.machine.export.registry import FORMATS, MACHINES
 from nhpocp.problem_file.document import open_file
 from nhpocp.whole import Bench, bench, exchange, sweep
 
@@ -26,7 +26,7 @@ DATA = (
 PICTURES = ("controls", "relative_pose", "convergence", "margins", "robot", "failure")
 KINDS = ("png", "svg", "pdf")  # of picture files
 ANIMATIONS = ("animation.html", "animation.gif", "animation.mp4")
-MOTIONS = tuple(each.file_name for each in FORMATS.values())  # of `nhpocp export`
+MOTIONS = tuple(each.file_name for each in (FORMATS | MACHINES).values())  # of `nhpocp export`
 ANALYSIS = ("analysis.json", "map.npz")  # of `nhpocp analyze`, and its pictures
 ANALYSIS_PICTURES = ("singularity_map", "along_guess", "agility")
 SIMULATION = (

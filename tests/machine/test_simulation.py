@@ -6,6 +6,7 @@ import csv
 import json
 import shutil
 import signal
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,7 @@ from nhpocp.systems.parallel_robot import ParallelRobot
 from nhpocp.views import simulation_figures
 from tests.conftest import paper_problem
 from tests.machine.conftest import PROBLEMS
+from tests.machine.conftest import plan as library_plan
 
 pytest.importorskip("mujoco")
 SECONDS = 2.0  # of a play: driftless plans may be played at any speed
@@ -284,10 +286,49 @@ def test_the_verb_writes_a_folder_that_may_be_replaced(stored: Path, tmp_path: P
         assert [float(row["slip_rate_2"]) for row in rows] == arrays["slip_rate"][:, 1].tolist()
         assert float(rows[-1]["position_error"]) == data["position_error"]
     assert ElementTree.parse(model).getroot().tag == "mujoco"
+    assert status(["export", str(folder), "--format", "mjcf"]) == 0
+    assert (folder / "machine.xml").read_bytes() == model.read_bytes()
     require_replaceable(folder, folder)
     (inside / "mine.txt").write_text("mine", encoding="utf-8")
     with pytest.raises(nhpocp.InvalidProblemError, match="simulation"):
         require_replaceable(folder, folder)
+
+
+def test_the_exported_machine_stands_as_the_plan_starts(stored: Path, tmp_path: Path, capsys: Any) -> None:
+    import mujoco
+
+    file = tmp_path / "robot.xml"
+    assert status(["export", str(stored), "--format", "mjcf", "-o", str(file), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == {"file": str(file), "format": "mjcf"}
+    model = mujoco.MjModel.from_xml_path(str(file))
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    start, metres = nhpocp.load_solution(stored).problem.start, 0.01  # 15 units are 15 cm
+    platform = model.body("platform").id
+    assert data.xpos[platform] == pytest.approx(metres * np.asarray(start["position"]))
+    assert data.xmat[platform].reshape(3, 3) == pytest.approx(np.asarray(start["orientation"]))
+    assert {f"length {i}" for i in (1, 2, 3)} <= {model.actuator(i).name for i in range(model.nu)}
+    assert model.npair == 3  # rollers on balls
+    assert np.abs(data.efc_pos[: data.ne]).max() < 1e-9  # the legs meet the platform
+
+
+def test_mjcf_needs_a_robot_and_no_engine(
+    stored: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    assert status(["export", str(stored), "--format", "mjcf", "-o", str(tmp_path / "a.xml")]) == 0
+    assert (tmp_path / "a.xml").read_text(encoding="utf-8").startswith("<mujoco")
+    car = save_solution(library_plan("car"), tmp_path / "car")
+    refusals = [
+        ([str(car)], "car cannot be built; expected a robot on legs"),
+        ([str(stored), "--rate", "5"], "--rate: an option of a motion, which mjcf is not"),
+        ([str(stored), "--set", "name=a"], "--set: changes a problem FILE"),
+        ([str(stored / "problem.yaml")], "mjcf is a format of a solution folder"),
+        ([str(stored), "-o", str(stored / "solution.json")], "a file of the solution itself"),
+    ]
+    for words, said in refusals:
+        assert status(["export", *words, "--format", "mjcf"]) == 2
+        assert said in capsys.readouterr().err
 
 
 def test_the_verb_says_that_the_machine_missed(

@@ -8,6 +8,7 @@ import pytest
 import nhpocp
 from nhpocp.cli.entry import status
 from tests.conftest import paper_problem
+from tests.machine.conftest import PROBLEMS
 from tests.machine.test_steering import CART
 
 ROBOT = nhpocp.dump_problem(paper_problem().with_(pictures=False))
@@ -134,9 +135,10 @@ def test_bad_input_is_answered(arguments, words, robot, capsys):
 def test_what_has_no_bodies_is_refused(robot, capsys):
     pytest.importorskip("mujoco")
     (robot / "cart.yaml").write_text(nhpocp.dump_problem(CART), encoding="utf-8")
-    ended, _, err = said(["steer", "cart.yaml", "--machine", "physics"], capsys)
-    assert ended == 2
-    assert "unicycle cannot be built" in err
+    for file, model in (("cart.yaml", "unicycle"), (str(PROBLEMS / "rolling_sphere.yaml"), "rolling_sphere")):
+        ended, _, err = said(["steer", file, "--machine", "physics", "-o", "out"], capsys)
+        assert ended == 2
+        assert f"{model} cannot be built; expected a robot on legs" in err
 
 
 def test_what_others_wrote_is_left_alone(robot, capsys):

@@ -8,7 +8,8 @@ How the blocks of a page are read, one page in one folder of its own in which pr
 - ``python``: run; nothing it prints is False.
 - ``yaml``: a whole problem, or a study. ``yaml fragment``: its keys replace those of problems/paper.yaml; both are
   checked.
-- a file's name behind ``yaml`` or ``python``: the block is also that file, for the commands below it.
+- ``c``: a program. ``cc`` in ``sh`` compiles it, in the page's folder, and ``./`` begins a program that was made there.
+- a file's name behind ``yaml``, ``python`` or ``c``: the block is also that file, for the commands below it.
 - ``plugin`` at the end: part of a package that has to be installed first; `test_template` does.
 """
 
@@ -20,6 +21,7 @@ import io
 import os
 import re
 import shlex
+import subprocess
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
@@ -37,7 +39,7 @@ from tests.program import test_floors
 ROOT = Path(__file__).parents[2]
 PAGES = {str(path.relative_to(ROOT)): path for folder in ("", "nhpocp", "problems", "scripts", "tests")
          for path in sorted((ROOT / folder).glob("*.md"))}  # fmt: skip
-LANGUAGES = ("sh", "text", "python", "yaml", "toml", "bibtex", "")
+LANGUAGES = ("sh", "text", "python", "yaml", "toml", "bibtex", "c", "")
 BASE = (ROOT / "problems" / "paper.yaml").read_text(encoding="utf-8")
 # these make an environment, install into it, and call these very tests: looked at, not run
 SET_UP = ("scripts/run", "scripts/test")
@@ -75,7 +77,7 @@ def test_what_a_page_shows_happens(page, folder, undrawn):
         assert block.language in LANGUAGES, f"{page} has a block of {block.language}, which nothing reads"
         if block.info.endswith("plugin"):
             continue
-        if re.fullmatch(r"\w+\.(yaml|py)", block.info):
+        if re.fullmatch(r"\w+\.(yaml|py|c)", block.info):
             (folder / block.info).write_text(block.text, encoding="utf-8")
         if block.language == "sh":
             lines = block.text.replace("\\\n", " ").splitlines()
@@ -100,6 +102,10 @@ def obeyed(line: str) -> str:
     if words[0] == PYTHON or words[0] in SET_UP:
         looked_at(words)
         return ""
+    if words[0] == "cc" or words[0].startswith("./"):
+        done = subprocess.run(words, capture_output=True, text=True, check=False)
+        assert done.returncode == int(expected[1] if expected else 0), f"{line}\n{done.stderr}"
+        return done.stdout + done.stderr
     assert words[0] in ("nhpocp", ".venv/bin/nhpocp"), f"nothing runs {line!r}"
     out = io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(out):

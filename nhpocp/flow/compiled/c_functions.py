@@ -26,10 +26,23 @@ _INPUT = re.compile(r"arg\[(\d)\]\? arg\[\1\]\[(\d+)\] : 0")
 _OUTPUT = re.compile(r"if \(res\[(\d)\]!=0\) res\[\1\]\[(\d+)\]=")
 _OTHER = re.compile(r"\b(arg|res|iw|w)\b")
 _HELPER = re.compile(r"^casadi_real casadi_", re.MULTILINE)
+_DEFINITION = re.compile(
+    r"^static inline casadi_real casadi_\w+\([^)]*\) \{(?:[^\n]*\}$|.*?^\}$)", re.MULTILINE | re.DOTALL
+)
+_OF_OURS = """\
+#define casadi_real double
+#define casadi_inf INFINITY
+#define casadi_nan NAN
+#ifndef __GNUC__
+#define __attribute__(asked)
+#endif
+"""
 
+SIDE_BY_SIDE = "#pragma omp simd"  # lanes depend on nothing but their own numbers
 _LANE_FUNCTION = r"""
 static {inlined}void {name}({declared}) {{
-#pragma omp simd
+  {ignored}
+{pragma}
   for (long long l = 0; l < {lanes}; ++l) {{
 {defined}
 {body}
@@ -49,8 +62,8 @@ class Lanes(NamedTuple):
     more: str = ""  # what is declared besides
     inlined: bool = False  # compilers leave out what is called twice, and with it a third of the speed
 
-    def text(self, name: str, body: str) -> str:
-        """The function, from code as of `straight_lines`."""
+    def text(self, name: str, body: str, pragma: str = SIDE_BY_SIDE) -> str:
+        """The function, from code as of `straight_lines`; it need not read all that it is given."""
         names = self.arguments.split(), self.results.split()
         kinds = [("X", "const double", names[0]), ("Y", "double", names[1])]
         macros = [(f"{x}{i}", word) for x, _, words in kinds for i, word in enumerate(words)]
@@ -59,6 +72,8 @@ class Lanes(NamedTuple):
         return _LANE_FUNCTION.format(
             name=name,
             inlined="inline __attribute__((always_inline)) " if self.inlined else "",
+            pragma=pragma,
+            ignored=" ".join(f"(void){word};" for _, _, words in kinds for word in words),
             declared=", ".join([self.more] * bool(self.more) + declared),
             lanes=self.number,
             defined="\n".join(
@@ -69,7 +84,9 @@ class Lanes(NamedTuple):
         )
 
 
-def functions_text(functions: Mapping[str, tuple[ca.Function, Lanes]]) -> tuple[str, str]:
+def functions_text(
+    functions: Mapping[str, tuple[ca.Function, Lanes]], pragma: str = SIDE_BY_SIDE
+) -> tuple[str, str]:
     """CasADi's helpers, and a C function for each of its own; one without results does nothing.
 
     Errors: `NotCompilableError` where CasADi's code is more than straight lines.
@@ -78,7 +95,8 @@ def functions_text(functions: Mapping[str, tuple[ca.Function, Lanes]]) -> tuple[
     head, bodies = straight_lines(list(giving.values()))
     lines = dict(zip(giving, bodies, strict=True))
     texts = [
-        lanes.text(name, lines.get(function.name(), "")) for name, (function, lanes) in functions.items()
+        lanes.text(name, lines.get(function.name(), ""), pragma)
+        for name, (function, lanes) in functions.items()
     ]
     return head, "".join(texts)
 
@@ -102,16 +120,25 @@ def straight_lines(functions: Sequence[ca.Function]) -> tuple[str, list[str]]:
     return head, [_accessed(body) for body in bodies]
 
 
+def helpers_alone(head: str) -> str:
+    """CasADi's helpers in a text that shares its program with others: nothing of it is exported or prefixed."""
+    return "\n".join([_OF_OURS, *(definition[0] for definition in _DEFINITION.finditer(head)), ""])
+
+
 def sizes_text(tableau: Tableau, **sizes: int) -> str:
-    """Numbers by the letters that the loops call them by; of a tableau S stages and K controls, PLACE, A and WEIGHT."""
+    """Numbers by the letters that the loops call them by; of a tableau S stages and K controls, and PLACE."""
     sizes |= {"S": tableau.stages, "K": tableau.seen}
-    rows = [(*row, *[0.0] * (tableau.stages - len(row))) for row in tableau.rows]
-    weights = [tableau.weight(stage) for stage in range(tableau.stages)]
     return (
         f"\nenum {{ {', '.join(f'{letter} = {size}' for letter, size in sizes.items())} }};\n"
         f"static const int PLACE[S] = {_braced(tableau.places)};\n"
-        f"static const double A[S][S] = {_braced([_braced(row) for row in rows])}, WEIGHT[S] = {_braced(weights)};\n"
     )
+
+
+def weights_text(tableau: Tableau) -> str:
+    """A and WEIGHT of a tableau, for loops that take its steps themselves."""
+    rows = [(*row, *[0.0] * (tableau.stages - len(row))) for row in tableau.rows]
+    weights = [tableau.weight(stage) for stage in range(tableau.stages)]
+    return f"static const double A[S][S] = {_braced([_braced(row) for row in rows])}, WEIGHT[S] = {_braced(weights)};\n"
 
 
 def identified(parts: Iterable[ca.Function], tableau: Tableau, *recipe: ModuleType) -> str:

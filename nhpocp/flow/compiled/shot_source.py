@@ -16,7 +16,14 @@ import sys
 
 import casadi as ca
 
-from nhpocp.flow.compiled.c_functions import LANES, Lanes, functions_text, identified, sizes_text
+from nhpocp.flow.compiled.c_functions import (
+    LANES,
+    Lanes,
+    functions_text,
+    identified,
+    sizes_text,
+    weights_text,
+)
 from nhpocp.flow.compiled.kernel_cache import NotCompilableError
 from nhpocp.flow.shot import Shot
 
@@ -250,7 +257,7 @@ def c_source(shot: Shot) -> str:
         _ALTERNATIVES.sub(rf"\{which}", text)
         for which, text in ((1, _THERE), (2, _THERE), (1, _BACK), (2, _BACK))
     ]
-    return "".join([head, sizes, texts, _MEMORY, *walks, _LOOPS])
+    return "".join([head, sizes, weights_text(shot.tableau), texts, _MEMORY, *walks, _LOOPS])
 
 
 def _ways(name: str, part: ca.Function) -> dict[str, ca.Function]:

@@ -7,9 +7,19 @@ where they are pulled back. The steps themselves can only follow one another.
 from __future__ import annotations
 
 import sys
+from collections.abc import Mapping
+
+import casadi as ca
 
 from nhpocp.flow import runge_kutta
-from nhpocp.flow.compiled.c_functions import LANES, Lanes, functions_text, identified, sizes_text
+from nhpocp.flow.compiled.c_functions import (
+    LANES,
+    Lanes,
+    functions_text,
+    helpers_alone,
+    identified,
+    sizes_text,
+)
 from nhpocp.flow.compiled.kernel_cache import NotCompilableError
 from nhpocp.flow.runge_kutta import Scheme
 
@@ -26,7 +36,7 @@ _FUNCTIONS = {
     ),
 }
 
-_LOOPS = r"""
+_WALK = r"""
 /* where value j of sample s stands among samples of `size` values each */
 #define AT(s, j, size) ((((s) / L) * (size) + (j)) * L + (s) % L)
 
@@ -45,7 +55,9 @@ static void walk(long long steps, const double *h, const long long *nodes, const
     }
   }
 }
+"""
 
+_WALK_ABREAST = r"""
 /* L paths, as many doubles apart as the strides say */
 static void walk_abreast(long long steps, const double *h, const long long *nodes, const double *u, double *y,
                          double *samples, long long u_stride, long long y_stride, long long stride) {
@@ -67,7 +79,9 @@ static void walk_abreast(long long steps, const double *h, const long long *node
       }
   }
 }
+"""
 
+_PULL = r"""
 /* the wanted rows at y pulled back through so many steps: what they gather at the controls, count x R x M */
 static void pull(long long steps, const double *h, const long long *nodes, long long count, const double *y,
                  const double *tape, double *gathered) {
@@ -86,7 +100,9 @@ static void pull(long long steps, const double *h, const long long *nodes, long 
     }
   }
 }
+"""
 
+_SWEEP = r"""
 /* paths: of so many y and u. y: steps + 1 states each, the first given. nodes: for each step, which of the count
    controls u (count x M) it sees. gathered: for each stop, the derivatives of the observed rows there by all these
    controls, stops x count x R x M; without stops none is worked out. numbers: the watched ones at every state, with
@@ -126,15 +142,31 @@ def c_source(scheme: Scheme) -> str:
 
     Errors: `NotCompilableError` where CasADi's code is more than straight lines, or a step of more than `LANES` stages.
     """
-    if slots(scheme) > LANES:
-        raise NotCompilableError(f"a step of {scheme.tableau.stages} stages has more than {LANES}")
     head, texts = functions_text(
         {name: (getattr(scheme, name.removesuffix("_abreast")), lanes) for name, lanes in _FUNCTIONS.items()}
     )
+    return f"{head}{_letters_text(scheme)}{texts}{_WALK}{_WALK_ABREAST}{_PULL}{_SWEEP}"
+
+
+def path_source(scheme: Scheme, others: Mapping[str, tuple[ca.Function, Lanes]]) -> str:
+    """C99 of `walk` and `pull`, for one path at a time, and of other functions, all static: a part of somebody's text.
+
+    Its functions are `c_source`'s, and those without results are left out. Errors: as of `c_source`.
+    """
+    ours = {name: (getattr(scheme, name), _FUNCTIONS[name]) for name in _FUNCTIONS if name != "step_abreast"}
+    giving = {name: each for name, each in (ours | dict(others)).items() if each[0].nnz_out()}
+    head, texts = functions_text(giving, pragma="")
+    return f"{helpers_alone(head)}{_letters_text(scheme)}{texts}{_WALK}{_PULL}"
+
+
+def _letters_text(scheme: Scheme) -> str:
+    """What the loops call the sizes of a scheme. Errors: `NotCompilableError` for a step of too many stages."""
+    if slots(scheme) > LANES:
+        raise NotCompilableError(f"a step of {scheme.tableau.stages} stages has more than {LANES}")
     row_lanes = next((lanes for lanes in (1, 2, 4) if scheme.rows <= lanes), -(-scheme.rows // LANES) * LANES)
     letters = {"N": scheme.size, "M": scheme.inputs, "R": scheme.rows, "LR": row_lanes, "L": LANES}
     letters |= {"E": scheme.entries, "W": scheme.watches, "SLOTS": slots(scheme)}
-    return f"{head}{sizes_text(scheme.tableau, **letters)}{texts}{_LOOPS}"
+    return sizes_text(scheme.tableau, **letters)
 
 
 def slots(scheme: Scheme) -> int:

@@ -63,10 +63,7 @@ class PlannedPath:
     @cached_property
     def motors(self) -> list[int]:
         """Which of the lengths have a motor; none of systems without legs."""
-        if "leg_lengths" not in (self.system.known_outputs or ()):
-            return []
-        legs = [leg for leg in getattr(self.system, "legs", ()) if not leg.pinned]
-        return [i for i, leg in enumerate(legs) if leg.actuated]
+        return motors_of(self.system)
 
     def sample(self, times: Array, before_jumps: Array | None = None) -> Sampled:
         """At times (k,) of the plan; at a jump of the control after it, or before it where `before_jumps` says so."""
@@ -124,3 +121,11 @@ class PlannedPath:
         point, control = ca.SX.sym("x", space.size), ca.SX.sym("u", inputs)
         whole: Any = made(ca.vertcat(point, control), u_rate)  # CasADi's stubs know of a single result
         return ca.Function("derivatives", [point, control, u_rate], list(whole))
+
+
+def motors_of(system: Any) -> list[int]:
+    """Which of a system's leg lengths have a motor; none of systems without legs."""
+    if "leg_lengths" not in (system.known_outputs or ()):
+        return []
+    legs = [leg for leg in getattr(system, "legs", ()) if not leg.pinned]
+    return [i for i, leg in enumerate(legs) if leg.actuated]

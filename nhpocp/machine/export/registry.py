@@ -1,40 +1,37 @@
-"""The file formats of a motion, each announced in one line and imported when it is written."""
+"""The file formats of a plan and of what belongs to it, each announced in one line and imported when it is written."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 from nhpocp.plugins import imported
-
-if TYPE_CHECKING:
-    from nhpocp.machine.export.motion import Motion
 
 NAME = "motion"  # of the files, in a solution folder
 
 
 @dataclass(frozen=True)
 class Format:
-    """A file format: how its files end, and the function "module:name" of a motion and a file that writes one."""
+    """A file format: how its files end, and the function "module:name" that writes one."""
 
     ending: str
     writer: str
     meaning: str
+    stem: str = NAME
 
     @property
     def file_name(self) -> str:
         """What a file is called unless somebody says."""
-        return f"{NAME}.{self.ending}"
+        return f"{self.stem}.{self.ending}"
 
     @property
-    def write(self) -> Callable[[Motion, Path], None]:
-        """Writes a file. Errors: `OSError`, `InvalidProblemError`, `MissingDependencyError`."""
+    def write(self) -> Callable[..., Any]:
+        """Writes a file, its last argument. Errors: `OSError`, `InvalidProblemError`, `MissingDependencyError`."""
         return imported(self.writer)
 
 
-FORMATS = {
+FORMATS = {  # of a `Motion`
     "csv": Format("csv", "nhpocp.machine.export.tables:write_csv", "a row per sample"),
     "json": Format("json", "nhpocp.machine.export.tables:write_json", "every column with unit and meaning"),
     "mat": Format("mat", "nhpocp.machine.export.tables:write_mat", "MATLAB, an array per quantity"),
@@ -43,4 +40,17 @@ FORMATS = {
         "mcap", "nhpocp.machine.export.recording:write_mcap", "a message per sample, for Foxglove"
     ),
     "c": Format("h", "nhpocp.machine.export.c_header:write_header", "C99, a table and its interpolation"),
+}
+MACHINES = {  # of a `PlanningProblem`
+    "mjcf": Format(
+        "xml", "nhpocp.machine.simulation.building:write_mjcf", "the machine for MuJoCo", stem="machine"
+    ),
+}
+PLANNERS = {  # of a `PlanningProblem` and a `Solver`
+    "c-planner": Format(
+        "c",
+        "nhpocp.machine.export.planner.c_planner:write_planner",
+        "C99 that plans to any goal, and its header",
+        stem="planner",
+    ),
 }

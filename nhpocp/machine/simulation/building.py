@@ -6,6 +6,8 @@ origin, is 15 cm, whatever the problem's unit; forces and masses are those of su
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
 from nhpocp.arrays import Array
@@ -15,10 +17,12 @@ from nhpocp.machine.simulation.built import Built, Drive, head
 from nhpocp.machine.simulation.mjcf import Element, add, as_text, axes
 from nhpocp.machine.simulation.rolling_ball import DRIVE, build_ball
 from nhpocp.machine.simulation.settings import MachineSettings
+from nhpocp.problem import PlanningProblem
 from nhpocp.systems.legs import Leg
 from nhpocp.systems.parallel_robot import ParallelRobot
 from nhpocp.systems.rolling_sphere import RollingSphere
 from nhpocp.systems.system import System
+from nhpocp.whole import write_text
 
 SIZE = 0.15  # m, of the mechanism's own length
 TUBE_MASS, ROD_MASS, CROSS_MASS, PLATFORM_MASS = 0.1, 0.1, 0.02, 0.5  # kg
@@ -47,8 +51,8 @@ def as_robot(system: System) -> ParallelRobot:
     """A robot whose machine is told leg lengths. Errors: `InvalidProblemError` for any other system."""
     if isinstance(system, ParallelRobot):
         return system
-    words = f"{system.model} cannot be built; expected a robot on legs (three_upu, parallel_robot) or a rolling_sphere"
-    raise InvalidProblemError(words, path="system.model")
+    wanted = "a robot on legs (three_upu, parallel_robot), or to play a plan a rolling_sphere"
+    raise InvalidProblemError(f"{system.model} cannot be built; expected {wanted}", path="system.model")
 
 
 def build(system: ParallelRobot, position: Array, orientation: Array, settings: MachineSettings) -> Built:
@@ -74,6 +78,18 @@ def build(system: ParallelRobot, position: Array, orientation: Array, settings: 
             motors.append(f"length {number}")
             lengths.append(float(leg.pose(position, orientation).length))
     return Built(as_text(root), metres, "platform", tuple(motors), np.array(lengths), tuple(rollers))
+
+
+def write_mjcf(problem: PlanningProblem, file: Path) -> None:
+    """The machine of a problem at its start, with the settings that a simulation has unless told otherwise.
+
+    Errors: as of `built`, and `OSError`.
+    """
+    drive_of(problem.system)
+    position, orientation = (
+        np.asarray(problem.start[name], dtype=float) for name in ("position", "orientation")
+    )
+    write_text(file, built(problem.system, position, orientation, MachineSettings()).text)
 
 
 def _build_leg(

@@ -21,7 +21,7 @@ def _text(value: Any) -> str:
         return value
     if isinstance(value, bool):
         return str(value).lower()
-    return " ".join(f"{number:.12g}" for number in np.ravel(np.asarray(value, dtype=float)))
+    return " ".join(f"{number:.12g}" for number in np.ravel(np.asarray(value, dtype=float)) + 0.0)  # no -0
 
 
 def as_text(root: Element) -> str:

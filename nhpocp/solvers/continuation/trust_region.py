@@ -16,6 +16,11 @@ LEAST_GAIN = 0.05  # gain ratio above which a trial is accepted
 LEAST_PREDICTED = 1e-9  # fraction of |e| that a step must be predicted to remove
 SMALLEST = 1e-7  # of the first radius: no shorter steps are tried
 NEGLIGIBLE = 1e-14  # σ/σ₁ up to which a singular value is rounding
+POOR, GOOD = 0.25, 0.75  # gain ratios below which the region narrows, above which it may widen
+NARROWER, NARROWEST = 0.5, 0.25  # times the step: where it gained a little, where it gained nothing
+WIDER = 2.5  # times the step
+DAMPINGS = 30  # of Newton's method on 1/length, at most
+LONG = 1e-3  # of the radius, by which a step may be longer
 
 Number = Any  # a float for one search, an array (k,) for many
 
@@ -100,9 +105,9 @@ def gain_ratio(trial: Tried, step: Step) -> Number:
 
 def next_radius(radius: Number, size: Number, gain: Number) -> Array:
     """The radius after a step of this size and gain ratio."""
-    shorter = np.where(np.greater(gain, 0.0), 0.5, 0.25) * np.minimum(radius, size)
-    longer = np.where(np.greater(gain, 0.75), np.maximum(radius, np.multiply(2.5, size)), radius)
-    return np.where(np.less(gain, 0.25), shorter, longer)
+    shorter = np.where(np.greater(gain, 0.0), NARROWER, NARROWEST) * np.minimum(radius, size)
+    longer = np.where(np.greater(gain, GOOD), np.maximum(radius, np.multiply(WIDER, size)), radius)
+    return np.where(np.less(gain, POOR), shorter, longer)
 
 
 def within_radius(values: Array, residual: Array, radius: Number) -> Array:
@@ -117,10 +122,10 @@ def within_radius(values: Array, residual: Array, radius: Number) -> Array:
         squares, product = np.where(negligible, 1.0, squares), np.where(negligible, 0.0, product)
     damping = np.zeros((*values.shape[:-1], 1))
     inner = product / squares
-    for _ in range(30):
+    for _ in range(DAMPINGS):
         squared = (inner * inner).sum(-1)
         excess = np.sqrt(squared) / radius - 1.0
-        long = excess > 1e-3
+        long = excess > LONG
         if not long.any():
             break
         slope = np.where(long, (inner * inner / (squares + damping)).sum(-1), 1.0)
