@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from nhpocp.analysis import Analysis as Analysis
     from nhpocp.api import analyze as analyze
+    from nhpocp.api import calibrate as calibrate
     from nhpocp.api import compare as compare
     from nhpocp.api import load_problem as load_problem
     from nhpocp.api import load_solution as load_solution
@@ -54,6 +55,7 @@ if TYPE_CHECKING:
     from nhpocp.flow.simulation import Motion as Motion
     from nhpocp.frozen import replace as replace
     from nhpocp.horizon import Horizon as Horizon
+    from nhpocp.machine.calibration.calibration import Calibration as Calibration
     from nhpocp.machine.feedback.plant import Plant as Plant
     from nhpocp.machine.feedback.simulated_plant import SimulatedPlant as SimulatedPlant
     from nhpocp.machine.feedback.steering import Steered as Steered
@@ -141,6 +143,7 @@ _HOMES = {
     "BSpline": "controls.bspline",
     "Block": "state_space",
     "Bound": "constraints.bound",
+    "Calibration": "machine.calibration.calibration",
     "Car": "systems.car",
     "CarWithTrailers": "systems.car_with_trailers",
     "Cartan": "systems.cartan",
@@ -239,6 +242,7 @@ _HOMES = {
     "VeselovaJoint": "systems.veselova_joint",
     "Via": "via",
     "analyze": "api",
+    "calibrate": "api",
     "compare": "api",
     "deg": "state_space",
     "direction": "state_space",

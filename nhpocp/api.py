@@ -12,7 +12,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from nhpocp import planning
 from nhpocp.arrays import Array
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from nhpocp.batch import Plan
     from nhpocp.comparison import Comparison, Entry, Run
     from nhpocp.flow.simulation import Motion
+    from nhpocp.machine.calibration.calibration import Calibration
     from nhpocp.machine.feedback.plant import Plant
     from nhpocp.machine.feedback.steering import Steered
     from nhpocp.study.sweep import Tally
@@ -177,6 +178,31 @@ def steer(
 
     steering = Steering(tolerance, cycles, objective, duration, patience, rate=rate)
     return steering.run(_problem(problem), plant)
+
+
+def calibrate(
+    problem: PlanningProblem | Named,
+    runs: Sequence[Mapping[str, Any] | Named],
+    fit: str | Sequence[str] | None = None,
+    noise: str | Sequence[float] | None = None,
+) -> Calibration:
+    """Fits the parameters of a problem's robot to what was measured of one or several runs, all at once.
+
+    problem: a `PlanningProblem`, or the name of its file. runs: each a CSV file as `nhpocp calibrate` reads, or arrays
+    by the names of a solution's trajectory, "t" (samples,) [time], "position" (samples, 3) [length], "orientation"
+    (samples, 3, 3), NaN where none was measured, "leg_lengths" (samples, motors) [length]. fit: names, as "base_radius,
+    roller_tilt[each],base[1].x"; None: the shape, or all joints of unlike legs. noise: standard deviations of positions
+    [length], angles [rad], leg lengths [length]; None: estimated. `Calibration` has `fitted`, `outcome`, `message`,
+    `estimates`, `system`, `doubts`. Errors: `InvalidProblemError` for names or runs that are none, `CallError` for one.
+    """
+    from nhpocp.machine.calibration.calibration import Calibrating
+    from nhpocp.measured_table import read_measurements
+
+    calibrating = Calibrating.of(_problem(problem), fit, noise)
+    robot, read = calibrating.unknowns.system, cast(Any, runs)
+    if isinstance(runs, list | tuple):  # anything else is refused there
+        read = [read_measurements(Path(r), robot) if isinstance(r, str | os.PathLike) else r for r in runs]
+    return calibrating.run(read)
 
 
 def analyze(

@@ -15,6 +15,7 @@ VERBS: Family[click.Command] = Family(
     {
         "analyze": "nhpocp.cli.analyzing:analyze",
         "animate": "nhpocp.cli.animating:animate",
+        "calibrate": "nhpocp.cli.calibrating:calibrate",
         "check": "nhpocp.cli.checking:check",
         "compare": "nhpocp.cli.solving:compare",
         "doctor": "nhpocp.cli.listing:doctor",

@@ -33,6 +33,8 @@ SIMULATION = (
     "simulation"  # of `nhpocp simulate`: a folder inside that of the solution, of these files and a picture
 )
 SIMULATION_FILES = ("simulation.json", "simulation.csv", "simulation.npz")
+CALIBRATION = ("calibration.json", "residuals.csv", "fitted.yaml")  # of `nhpocp calibrate`, and its picture
+CALIBRATION_PICTURE = "residuals"
 COMPARISON = (
     "report.html",
     "comparison.csv",
@@ -49,18 +51,24 @@ SIGNED = {
     "steer.json": (b'"schema_version"',),  # of `nhpocp steer`, as its table
     "steer.csv": (b"cycle,", b"machine,outcome,"),
 }
-_DRAWN = (*PICTURES, *ANALYSIS_PICTURES, SIMULATION)
+_DRAWN = (*PICTURES, *ANALYSIS_PICTURES, SIMULATION, CALIBRATION_PICTURE)
 OWN = {
     *DATA,
     *ANIMATIONS,
     *MOTIONS,
     *ANALYSIS,
     *SIMULATION_FILES,
+    *CALIBRATION,
     *(f"{name}.{kind}" for name in _DRAWN for kind in KINDS),
 }
 
 
-SIGNATURES = ("solution.json", "analysis.json", "simulation.json")  # one of which is in every folder of ours
+SIGNATURES = (
+    "solution.json",
+    "analysis.json",
+    "simulation.json",
+    "calibration.json",
+)  # one of which is in every folder of ours
 
 
 def folder_name(name: str) -> str:

@@ -103,7 +103,7 @@ class Veselova(BaseJoint):
     name: ClassVar[str] = "veselova"
 
     def normal(self, g: Array, w3: Array) -> Array:
-        return namespace(g).array(self.r)
+        return namespace(g).vector(self.r)
 
 
 @dataclass(frozen=True)
@@ -131,10 +131,10 @@ class Universal(BaseJoint):
     holonomic: ClassVar[bool] = True
 
     def normal(self, g: Array, w3: Array) -> Array:
-        return cross(namespace(g).array(self.w1), _in_leg(self.w2, g, w3))
+        return cross(namespace(g).vector(self.w1), _in_leg(self.w2, g, w3))
 
     def invariant(self, g: Array, w3: Array) -> Array:
-        return dot(namespace(g).array(self.w1), _in_leg(self.w2, g, w3))
+        return dot(namespace(g).vector(self.w1), _in_leg(self.w2, g, w3))
 
 
 @dataclass(frozen=True)

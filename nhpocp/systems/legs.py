@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from math import hypot, isfinite
@@ -127,8 +128,8 @@ class Leg(Constructed):
     def pose(self, position: Array, rotation_platform_to_base: Array) -> LegPose:
         """Its vectors at a pose of the platform."""
         xp = namespace(position, rotation_platform_to_base)
-        a = xp.array(self.base)
-        b = position + rotation_platform_to_base @ xp.array(self.platform)
+        a = xp.vector(self.base)
+        b = position + rotation_platform_to_base @ xp.vector(self.platform)
         span = b - a
         if self.pinned:
             g, w3 = rotation_platform_to_base[:, 0], rotation_platform_to_base[:, 1]
@@ -138,7 +139,7 @@ class Leg(Constructed):
         g = span / length
         if self.w4 is None:
             return LegPose(a, b, span, length, g, None, None, None, None)
-        w4 = rotation_platform_to_base @ xp.array(self.w4)
+        w4 = rotation_platform_to_base @ xp.vector(self.w4)
         w3 = unit(cross(g, w4))
         return LegPose(a, b, span, length, g, self.base_joint.normal(g, w3), w3, w4, cross(w3, w4))
 
@@ -178,6 +179,13 @@ class Leg(Constructed):
         kinds = [*["motor"] * bool(self.actuated), *self.constraint_kinds]
         rows = [f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds)]
         return f"{', '.join(joints)}: {' + '.join(rows) or 'no row'}"
+
+    def in_symbols(self, vectors: Mapping[str, Sequence[Array]]) -> Leg:
+        """A twin for formulas, some of whose vectors, by the field's name, are three symbols; nothing is checked."""
+        twin = copy.copy(self)
+        for name, vector in vectors.items():
+            object.__setattr__(twin, name, tuple(vector))
+        return twin
 
     @classmethod
     def of(cls, leg: Leg | Mapping[str, Any], declared: Mapping[str, Parameter]) -> Leg:

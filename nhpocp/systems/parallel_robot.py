@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import cos, hypot, pi, sin
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 from nhpocp.arrays import Array, cross, namespace, symbolic
 from nhpocp.bodies.hull import Hull, capsule, hull_of
@@ -174,6 +174,7 @@ class ParallelRobot(System):
     def _set_legs(self, legs: Sequence[Leg]) -> None:
         """Errors: `InvalidProblemError` where motors and constraints are not six."""
         self.legs = tuple(legs)
+        self._mean_arm = _mean_arm(self.legs)
         kinds = [kind for leg in self.legs for kind in leg.constraint_kinds]
         self.motors = sum(bool(leg.actuated) for leg in self.legs)
         self.holonomic, self.non_holonomic = kinds.count("holonomic"), kinds.count("non-holonomic")
@@ -189,6 +190,25 @@ class ParallelRobot(System):
 
     def parameters(self) -> dict[str, Any]:
         return {"legs": [leg_data(leg, LEG) for leg in self.legs], **self._sizes()}
+
+    def in_symbols(self, vectors: Sequence[Mapping[str, Sequence[Array]]]) -> Self:
+        """A twin for formulas, whose legs have other vectors, of symbols; nothing is checked, and it is no problem's.
+
+        vectors: of each leg, by the names of `Leg`, three numbers or symbols each; those that are left out stay.
+        """
+        twin = object.__new__(type(self))
+        legs = tuple(leg.in_symbols(own) for leg, own in zip(self.legs, vectors, strict=True))
+        twin.__dict__.update({**self.__dict__, "legs": legs})
+        return twin
+
+    @property
+    def shape(self) -> tuple[str, ...]:
+        """Parameters, numbers of all legs alike, of which `shaped` makes the legs' vectors."""
+        return ()
+
+    def shaped(self, number: int, values: Mapping[str, Array]) -> dict[str, tuple[Array, Array, Array]]:
+        """The vectors of a leg (from 0), by the names of `Leg`, for values of the `shape`, which may be symbols."""
+        return {}
 
     # --- equations ---
 
@@ -291,11 +311,7 @@ class ParallelRobot(System):
         return ("w",)
 
     def default_length_scale(self) -> float:
-        free = [leg for leg in self.legs if not leg.pinned]
-        for arms in ([hypot(*leg.platform) for leg in free], [hypot(*leg.base) for leg in self.legs]):
-            if any(arms):  # all joints may meet in the middle of a body
-                return sum(arms) / len(arms)
-        return 1.0
+        return self._mean_arm
 
     @property
     def _leg_radius(self) -> float:
@@ -371,6 +387,15 @@ def leg_data(leg: Leg, declared: Mapping[str, Parameter]) -> dict[str, Any]:
         for key, value in values.items()
         if value is not None
     }
+
+
+def _mean_arm(legs: Sequence[Leg]) -> float:
+    """Of the platform's joints from its origin; of the base's where all of those meet there."""
+    free = [leg for leg in legs if not leg.pinned]
+    for arms in ([hypot(*leg.platform) for leg in free], [hypot(*leg.base) for leg in legs]):
+        if any(arms):
+            return sum(arms) / len(arms)
+    return 1.0
 
 
 def _numbered(number: int, leg: Leg | Mapping[str, Any]) -> Leg:

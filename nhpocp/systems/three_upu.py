@@ -134,6 +134,18 @@ class ThreeUPU(ParallelRobot):
             return {"legs": [leg_data(leg, LEG) for leg in self.legs], "form": self.form, **self._sizes()}
         return {**self._shape, "form": self.form, **self._sizes()}
 
+    @property
+    def shape(self) -> tuple[str, ...]:
+        return () if self._explicit else ("base_radius", "platform_radius", "roller_tilt")
+
+    def shaped(self, number: int, values: Mapping[str, Array]) -> dict[str, tuple[Array, Array, Array]]:
+        every, xp = {**self._shape, **values}, namespace(*values.values())
+        tilt = (xp.cos(every["roller_tilt"]), xp.sin(every["roller_tilt"]))
+        radii = every["base_radius"], every["platform_radius"]
+        azimuth = 2 * pi * number / 3
+        vectors = _around(azimuth, *radii, tilt, every["platform_axis"], every["joint"])
+        return {name: vector for name, vector in vectors.items() if name != "w4"}
+
     def actuated(self) -> tuple[ThreeUPU, Callable[[Array, Array], Array]] | None:
         return (self.with_(form="original"), self.feedback) if self.form == "feedback" else None
 
@@ -248,17 +260,27 @@ def _symmetric_legs(
             raise InvalidProblemError(
                 f"{value:g} is not positive; a radius is a length > 0", path=f"system.{name}"
             )
-    legs = []
-    for k in range(3):
-        c, s = cos(2 * pi * k / 3), sin(2 * pi * k / 3)
-        radial, tangential, normal = (c, s, 0.0), (-s, c, 0.0), (0.0, 0.0, 1.0)
-        tilt = (cos(roller_tilt), sin(roller_tilt))
-        r = (
-            (tilt[1] * tangential[0], tilt[1] * tangential[1], tilt[0])
-            if joint == "veselova"
-            else (tilt[0], tilt[1], 0.0)
-        )
-        w4 = {"radial": radial, "tangential": tangential, "normal": normal}[platform_axis]
-        base = (base_radius * c, base_radius * s, 0.0)
-        legs.append(Leg(base, (platform_radius * c, platform_radius * s, 0.0), r, w4, joint))
-    return tuple(legs)
+    tilt = (cos(roller_tilt), sin(roller_tilt))
+    around = (base_radius, platform_radius, tilt, platform_axis, joint)
+    legs = [_around(2 * pi * k / 3, *around) for k in range(3)]
+    return tuple(Leg(leg["base"], leg["platform"], leg["r"], leg["w4"], joint) for leg in legs)
+
+
+def _around(
+    azimuth: float,
+    base_radius: Any,
+    platform_radius: Any,
+    tilt: tuple[Any, Any],
+    platform_axis: str,
+    joint: str,
+) -> dict[str, tuple[Any, Any, Any]]:
+    """A leg's vectors, numbers or symbols; ``tilt``: (cos β, sin β)."""
+    c, s = cos(azimuth), sin(azimuth)
+    radial, tangential, normal = (c, s, 0.0), (-s, c, 0.0), (0.0, 0.0, 1.0)
+    in_base = (tilt[1] * tangential[0], tilt[1] * tangential[1], tilt[0])
+    return {
+        "base": (base_radius * c, base_radius * s, 0.0),
+        "platform": (platform_radius * c, platform_radius * s, 0.0),
+        "r": in_base if joint == "veselova" else (tilt[0], tilt[1], 0.0),
+        "w4": {"radial": radial, "tangential": tangential, "normal": normal}[platform_axis],
+    }

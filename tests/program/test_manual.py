@@ -26,7 +26,17 @@ CALLED = {
 }
 
 # handed back by this package, or named for it to make: nobody calls them
-HANDED_BACK = {"Analysis", "Comparison", "Entry", "Motion", "Steered", "Plan", "Solution", "Verdict"}
+HANDED_BACK = {
+    "Analysis",
+    "Calibration",
+    "Comparison",
+    "Entry",
+    "Motion",
+    "Steered",
+    "Plan",
+    "Solution",
+    "Verdict",
+}
 NAMED = {"DifferentiatedEndPointMap", "SingleShooting", "StagedTranscription", "VariationalEndPointMap"}
 
 
