@@ -12,7 +12,7 @@ from nhpocp.bodies.hull import Hull, capsule, hull_of
 from nhpocp.errors import InvalidProblemError
 from nhpocp.state_space import Block, StateSpace, direction, rotation, vector
 from nhpocp.systems.joints import BASE_JOINTS, LegPose, Row
-from nhpocp.systems.legs import FIELDS, Leg, several
+from nhpocp.systems.legs import FIELDS, Leg, miscounted, numbered, several
 from nhpocp.systems.solids import ball, rod, roller
 from nhpocp.systems.system import Parameter, System
 
@@ -158,7 +158,7 @@ class ParallelRobot(System):
     ) -> None:
         self._set_sizes(leg_radius, thickness)
         given = self.presets["mixed"]["legs"] if legs is None else legs
-        self._set_legs([_numbered(i, leg) for i, leg in enumerate(several(given), 1)])
+        self._set_legs([numbered(i, leg, LEG) for i, leg in enumerate(several(given), 1)])
         self.input_space = StateSpace([vector("u", self.motors, "length")])
 
     def _set_sizes(self, leg_radius: float | None, thickness: float | None) -> None:
@@ -180,7 +180,7 @@ class ParallelRobot(System):
         self.holonomic, self.non_holonomic = kinds.count("holonomic"), kinds.count("non-holonomic")
         rows = self.motors + self.holonomic + self.non_holonomic
         if rows != 6 or not self.motors:
-            raise InvalidProblemError(_miscounted(self.legs, rows, self.motors), path="system.legs")
+            raise InvalidProblemError(miscounted(self.legs, rows, self.motors), path="system.legs")
         free = sum(not leg.pinned for leg in self.legs)
         self.output_blocks: Sequence[Block] = (
             vector("leg_lengths", free, "length", symbol="l", words="leg length", of_pose=True),
@@ -396,28 +396,3 @@ def _mean_arm(legs: Sequence[Leg]) -> float:
         if any(arms):
             return sum(arms) / len(arms)
     return 1.0
-
-
-def _numbered(number: int, leg: Leg | Mapping[str, Any]) -> Leg:
-    try:
-        return Leg.of(leg, LEG)
-    except InvalidProblemError as error:
-        raise InvalidProblemError(f"leg {number}: {error.message}", path="system.legs") from None
-
-
-def _miscounted(legs: Sequence[Leg], rows: int, motors: int) -> str:
-    """Why these legs do not determine the platform's motion, leg by leg."""
-    each = "; ".join(f"leg {i} ({leg.describe()})" for i, leg in enumerate(legs, 1))
-    if rows == 6 and not motors:
-        remedy = "none of them a motor: the platform cannot move"
-    else:
-        more = rows - 6
-        remedy = (
-            f"{more} too many: leave out motors or constraints"
-            if more > 0
-            else f"{-more} missing: actuate a leg, fix its length, or give it a joint that constrains it"
-        )
-    return (
-        f"motors and constraints give {rows} rows, and a platform in space needs 6, {remedy}. "
-        f"Rows: {each or 'no leg'}"
-    )
