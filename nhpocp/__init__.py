@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from nhpocp.api import write_report as write_report
     from nhpocp.arrays import namespace as namespace
     from nhpocp.batch import Plan as Plan
+    from nhpocp.bodies.obstacles import Obstacle as Obstacle
     from nhpocp.comparison import Comparison as Comparison
     from nhpocp.comparison import Entry as Entry
     from nhpocp.comparison import Run as Run
@@ -199,6 +200,7 @@ _HOMES = {
     "ParallelRobot": "systems.parallel_robot",
     "Parameter": "systems.system",
     "PassiveSphere": "systems.passive_sphere",
+    "Obstacle": "bodies.obstacles",
     "PathObjective": "objectives.objective",
     "PiecewiseConstant": "controls.piecewise_constant",
     "Plan": "batch",

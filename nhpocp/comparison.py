@@ -98,6 +98,12 @@ class Entry:
         return float(solution.costs.get(name, math.nan)) if exact is None else exact
 
     @property
+    def physics(self) -> Mapping[str, Any]:
+        """What a physics engine made of the plan, where it was asked; lengths and radians."""
+        opinion: Mapping[str, Any] = _noted(self.solution).get("physics") or {}
+        return opinion
+
+    @property
     def machine(self) -> Mapping[str, Any]:
         """Versions and machine of the run."""
         environment: Mapping[str, Any] = _noted(self.solution).get("environment", {})
@@ -206,9 +212,11 @@ def compare(
     variants: Sequence[str] = VARIANTS,
     progress: Progress | None = None,
     finished: Callable[[Solution, Run], str | None] | None = None,
+    opinion: Callable[[Solution], Mapping[str, Any] | None] | None = None,
 ) -> Comparison:
     """Solves every problem by its own solvers of these names, and every `Run` as it stands.
 
+    ``opinion(solution)``: what somebody else says of a solution, noted as `Entry.physics`.
     ``finished(solution, run)`` is called as soon as a run ends, to store it, and returns where. A run that fails, in
     whatever way, is a failed entry, and one that cannot be stored a note; Ctrl-C ends it with what there is.
     """
@@ -222,6 +230,9 @@ def compare(
             interruption.check()
             solution = _solved(run, telling(progress, run=i, runs=len(runs)))
             interruption.patient = True  # what is found is kept
+            if opinion and (noted := opinion(solution)):
+                note = {**_noted(solution), "physics": dict(noted)}
+                solution = replace(solution, details={**solution.details, "comparison": note})
             folder = None
             try:
                 folder = finished(solution, run) if finished else None
@@ -308,6 +319,7 @@ def _row(entry: Entry, best: float | None) -> dict[str, Any]:
         "iterations": solution.iterations[-1].get("k") if solution.iterations else None,
         "verify_s": timing.get("verify_s"),
         "peak_memory_mb": entry.memory,
+        **{f"physics_{name}": entry.physics.get(name) for name in PHYSICS},
         "reason": None if solution.converged else solution.message,
     }
     return {key: _finite(item) for key, item in row.items()}
@@ -319,6 +331,7 @@ def basis_words(basis: ControlBasis) -> str:
     return " ".join([basis.kind, *size])
 
 
+PHYSICS = ("outcome", "position_error", "angle_error", "slip", "duration")
 EXTREMES = ("least_sigma_s", "least_sigma_w", "leg_length_min", "leg_length_max", "peak_leg_speed")
 
 

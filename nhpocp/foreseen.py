@@ -15,6 +15,7 @@ from nhpocp.objectives.registry import OBJECTIVES
 from nhpocp.problem import PlanningProblem
 from nhpocp.singular_values import svd
 from nhpocp.systems.margins import det, margin, sigma
+from nhpocp.systems.system import DISTANCE
 
 FORGIVEN = 2e-3  # of its size: by how much each bound is widened first, twice what verification forgives
 AFFINE = 1e-9  # relative
@@ -63,9 +64,12 @@ def of_the_pose(problem: PlanningProblem, pose: Mapping[str, Any], names: Iterab
             least = svd(scaled, compute_uv=False)[-1] if np.isfinite(scaled).all() else np.nan
             values[name] = least
             continue
+        if name == DISTANCE:  # no control changes it
+            values[name] = np.asarray(system.quantity(name, point, np.zeros(inputs)), dtype=float)
+            continue
         try:
             with np.errstate(all="ignore"):
-                still, moving = (system.output(name, point, np.full(inputs, u)) for u in (0.0, 1.0))
+                still, moving = (system.quantity(name, point, np.full(inputs, u)) for u in (0.0, 1.0))
         except np.linalg.LinAlgError:  # a singular pose has no such output
             continue
         if np.array_equal(still, moving):

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numpy as np
 
 from nhpocp.arrays import Array
+from nhpocp.bodies.obstacles import KINDS, Obstacle
 from nhpocp.constraints.bound import Bound
 from nhpocp.constraints.registry import bounds_of
 from nhpocp.controls.basis import ControlBasis
@@ -28,7 +29,7 @@ from nhpocp.shown import Shown
 from nhpocp.state_space import Block
 from nhpocp.systems.margins import margin
 from nhpocp.systems.quantities import quantities
-from nhpocp.systems.system import System
+from nhpocp.systems.system import DISTANCE, System
 from nhpocp.units import Units
 from nhpocp.via import Via
 
@@ -50,7 +51,8 @@ class PlanningProblem(ByValue, Frozen, Shown):
     for outputs of the pose, such as leg_lengths. via: `Via(0.5, pose)`, or {"at": 0.5, "position": …}: what to meet on
     the way. name: in folders and reports. horizon: the duration T [time]: a number, a `Horizon`, or {"min": …, "max":
     …}. basis: of the control, such as `Fourier(2)`. initial: coefficients Λ₀, inputs × basis functions, or None to let
-    the solver draw a seeded start. objective: the name of a cost, "effort" say. bounds: as in a file, {"leg_length":
+    the solver draw a seeded start. objective: the name of a cost, "effort" say. obstacles: as in a file,
+    [{"sphere": {"centre": [8, 0, 30], "radius": 2}}]. bounds: as in a file, {"leg_length":
     [20, 60], "joint_angle": {"theta4": {"max": 20 * deg}}}, or a list of `Bound`s. error_length: the length [length]
     that counts as much as one radian in E. length_scale: divides the rotation columns of the regularity matrices (None:
     the system's own length, else error_length). solvers: solver objects by name, used by `nhpocp.solve`. samples: of
@@ -72,6 +74,7 @@ class PlanningProblem(ByValue, Frozen, Shown):
     error_length: float = 1.0
     length_scale: float | None = None
     via: Sequence[Via] = ()
+    obstacles: Sequence[Obstacle] = ()
     bounds: Sequence[Bound] = ()
     solvers: Mapping[str, Any] = field(default_factory=dict)
     samples: int = 201
@@ -84,7 +87,13 @@ class PlanningProblem(ByValue, Frozen, Shown):
         horizon = self.horizon
         time = f"{horizon.range[0]:g} … {horizon.range[1]:g}" if horizon.free else f"{horizon.fixed:g}"
         more = [
-            f"{len(part)} {word}" for part, word in ((self.via, "via poses"), (self.bounds, "bounds")) if part
+            f"{len(part)} {word}"
+            for part, word in (
+                (self.via, "via poses"),
+                (self.obstacles, "obstacles"),
+                (self.bounds, "bounds"),
+            )
+            if part
         ]
         words = ", ".join([brief(self.basis), f"T = {time}", f"objective {self.objective}", *more])
         return f"<PlanningProblem {brief(self.name)}: {self.system.model}, {words}>"
@@ -114,6 +123,7 @@ class PlanningProblem(ByValue, Frozen, Shown):
         if self.samples < 2:
             wrong.append(InvalidProblemError("a trajectory needs at least 2 samples", path="output.samples"))
         refuse(wrong)
+        self._take_rest()
         self._check_room(wrong)
         self._check_assembly(wrong)
         self._check_bounds(wrong)
@@ -137,6 +147,7 @@ class PlanningProblem(ByValue, Frozen, Shown):
         self.samples = whole_number(self.samples, "output.samples")
         if isinstance(self.initial, str) and self.initial == "auto":
             self.initial = None
+        self._take_obstacles()
         if isinstance(self.bounds, Mapping):
             self.bounds = bounds_of(self.bounds, self.system)
         wanted = "a list of `Bound`s, or a mapping such as {'leg_length': [20, 60]}"
@@ -145,6 +156,36 @@ class PlanningProblem(ByValue, Frozen, Shown):
         for bound in self.bounds:
             expect(bound, Bound, "Bound(label, quantity, lower, upper)", "constraints")
         self.via = [Via.of(via, f"via[{i}]") for i, via in enumerate(self.via)]
+
+    def _take_obstacles(self) -> None:
+        """The system among its obstacles, where there are any or distances are bounded."""
+        self.obstacles = Obstacle.several(self.obstacles)
+        if self.obstacles and not self.system.has_bodies:
+            words = f"the system {self.system.model} has no bodies to keep away from them; remove them"
+            raise InvalidProblemError(words, path="obstacles", at_key=True)
+        bounds = self.bounds if isinstance(self.bounds, list | tuple | Mapping) else ()
+        named = [getattr(bound, "quantity", bound) for bound in bounds]
+        asked = bool(self.obstacles) or (DISTANCE in named and self.system.has_bodies)
+        if asked or self.system.surroundings is not None:
+            self.system = self.system.among(self.obstacles if asked else None)
+        if self.obstacles:
+            self._check_dimensions()
+
+    def _take_rest(self) -> None:
+        """The system with its start for its pose at rest, where a bound counts from there."""
+        counting = {block.name for block in self.system.rest_blocks}
+        asked = any(bound.quantity in counting for bound in self.bounds)
+        if asked or self.system.rest is not None:
+            self.system = self.system.resting(self.start_point if asked else None)
+
+    def _check_dimensions(self) -> None:
+        """Errors: `InvalidProblemError` for obstacles in the plane around bodies in space, and the other way round."""
+        wanted = self.system.dimension_of_bodies
+        wrong = [i for i, obstacle in enumerate(self.obstacles) if obstacle.dimension != wanted]
+        known = ", ".join(name for name, kind in KINDS.items() if kind.dimension == wanted)
+        place = {2: "in the plane", 3: "in space"}[wanted]
+        words = f"the bodies of {self.system.model} are {place}; expected one of {known}"
+        refuse([InvalidProblemError(words, path=f"obstacles[{i}]", at_key=True) for i in wrong])
 
     def _check_assembly(self, wrong: list[InvalidProblemError]) -> None:
         """Whether the machine can be put together at the start."""
@@ -240,6 +281,9 @@ class PlanningProblem(ByValue, Frozen, Shown):
         units = {block.name: block.unit for block in system.state_space.blocks}
         if name in units:
             return replace(bound, scale=scales.of(units[name]), coordinate=True)
+        if name == DISTANCE:
+            entries = {block.name: block.entries for _, block in self.quantities}[name]
+            return replace(bound, scale=scales.length, entries=entries)
         inputs = {block.name: block.unit for block in system.input_space.blocks}
         if name in inputs:
             return replace(bound, scale=scales.of(inputs[name]) / scales.time)
@@ -250,12 +294,12 @@ class PlanningProblem(ByValue, Frozen, Shown):
         scales, space = self.scales, self.system.state_space
         still, changed = np.zeros(self.system.input_space.size), []
         try:
-            here = np.asarray(self.system.output(name, self.start_point, still), dtype=float)
+            here = np.asarray(self.system.quantity(name, self.start_point, still), dtype=float)
             for step in NUDGE * np.diag(scales.states):
                 moved = np.asarray(space.retract(self.start_point, step))
-                changed.append(self.system.output(name, moved, still) - here)
+                changed.append(self.system.quantity(name, moved, still) - here)
             for step in NUDGE * np.diag(scales.inputs):
-                changed.append(self.system.output(name, self.start_point, step) - here)
+                changed.append(self.system.quantity(name, self.start_point, step) - here)
         except np.linalg.LinAlgError:  # it has no size where the machine is singular
             return 1.0
         size = np.abs(np.array(changed, dtype=float)).sum(axis=0).max(initial=0.0) / NUDGE

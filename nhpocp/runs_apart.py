@@ -23,6 +23,7 @@ def task_of(problem: PlanningProblem) -> str:
         [via.share for via in problem.via],
         [problem.horizon.initial, problem.horizon.minimum, problem.horizon.maximum],
         [problem.objective, problem.error_length, problem.scale, bounds],
+        [obstacle.as_data() for obstacle in problem.obstacles],
     ]
     return json.dumps(_rounded(parts), sort_keys=True, default=str)
 

@@ -21,13 +21,14 @@ from nhpocp.solution_folder.target import SIMULATION, check_target, write_whole
 SCHEMA_VERSION = 1
 Pictures = Callable[[Simulation, Path], Any]
 # what the numbers of each array are of: the driven legs, the rollers, or counted from 1
-OF_MOTORS = ("leg_lengths", "planned_leg_lengths", "motor_force")
+OF_MOTORS = ("leg_lengths", "planned_leg_lengths", "centre", "planned_centre", "motor_force")
 OF_ROLLERS = ("normal_force", "friction_force", "slip_rate", "slip")
 UNITS = {
     "t": "s",
     "position": "length",
     "orientation": "",
     "leg_lengths": "length",
+    "centre": "length",
     "motor_force": "N",
     "normal_force": "N",
     "friction_force": "N",
@@ -36,6 +37,7 @@ UNITS = {
     "planned_position": "length",
     "planned_orientation": "",
     "planned_leg_lengths": "length",
+    "planned_centre": "length",
     "position_error": "length",
     "angle_error": "rad",
 }
@@ -72,6 +74,7 @@ def to_json(simulation: Simulation) -> dict[str, Any]:
             "schema_version": SCHEMA_VERSION,
             "name": simulation.solution.problem.name,
             "reached": simulation.reached,
+            "outcome": simulation.outcome,
             "position_error": simulation.position_error,
             "angle_error": simulation.angle_error,
             "slip": simulation.slip,
@@ -82,9 +85,9 @@ def to_json(simulation: Simulation) -> dict[str, Any]:
             "failure": simulation.failure,
             "plan_converged": simulation.solution.converged,
             "machine": simulation.settings.to_json(),
-            "motors": list(simulation.motors),
+            "motors": [int(name) if name.isdigit() else name for name in simulation.motors],
             "rollers": list(simulation.rollers),
-            "units": UNITS,
+            "units": {name: UNITS[name] for name in simulation.trajectory},
             "timing": {"simulate_s": simulation.seconds},
             "environment": {**environment(), "engine": simulation.engine},
         }
@@ -105,7 +108,7 @@ def _write(simulation: Simulation, folder: Path) -> None:
 def _columns(simulation: Simulation, name: str, values: Any) -> list[str]:
     """The names of an array's numbers: by the leg that they are of, else counted from 1."""
     if name in OF_MOTORS or name in OF_ROLLERS:
-        legs = simulation.motors if name in OF_MOTORS else simulation.rollers
-        return [f"{name}_{leg}" for leg in legs]
+        of: tuple[Any, ...] = simulation.motors if name in OF_MOTORS else simulation.rollers
+        return [f"{name}_{each}" for each in of]
     places = np.ndindex(*values.shape[1:])
     return ["_".join([name, *(str(index + 1) for index in place)]) for place in places]

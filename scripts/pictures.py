@@ -23,7 +23,7 @@ from goals import paper_task
 from matplotlib.figure import Figure
 
 import nhpocp
-from nhpocp.views import analysis_figures, drawing, figures
+from nhpocp.views import analysis_figures, drawing, figures, obstacles
 from nhpocp.views.finite_path import path_of
 from nhpocp.views.style import sheet
 
@@ -77,13 +77,14 @@ def motion(solution: nhpocp.Solution) -> Figure:
     points, goal = drawing.path_points(solution, path), drawing.goal_pose(solution.problem)
     poses = drawing.poses_of(solution)[:2]
     shown = [pose.drawing for pose in [*poses, *([goal] if goal else [])]]
-    low, high = drawing.extent(*shown, points=points)
+    low, high = obstacles.widened(system, *drawing.extent(*shown, points=points))
     with sheet():
         figure = Figure(figsize=(4.4, 2.2))
         for i, pose in enumerate(poses):
             box = (i / 2, 0.04, 0.48, 0.88)
             names = drawing.axis_names(system, len(low), solution.problem.units)
             axes = drawing.add_view(figure, box, low, high, names, 0.84, not system.plotted)
+            obstacles.plot_obstacles(axes, system, low, high)
             if goal:
                 drawing.plot_robot(axes, goal.drawing, ghost=True)
             drawing.plot_robot(axes, pose.drawing)

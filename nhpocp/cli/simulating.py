@@ -3,47 +3,19 @@
 from __future__ import annotations
 
 import math
-import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from nhpocp.cli.exit_status import NOT_SOLVED, SOLVED
+from nhpocp.cli.machine_options import machine_options, machine_settings, numbers
 from nhpocp.cli.options import json_option
 from nhpocp.cli.progress import counter
 from nhpocp.cli.terminal import put, say, tell
 
 if TYPE_CHECKING:
-    from nhpocp.machine.simulation import MachineSettings, Simulation
-
-_NUMBER = r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)"
-
-
-def _amount(text: str, option: str) -> float:
-    """0.1 or 2deg: angles in radians."""
-    parts = re.fullmatch(rf"\s*{_NUMBER}\s*(deg)?\s*", text)
-    if parts is None:
-        words = f"{text!r}; expected a number such as 0.1 or 2deg"
-        raise click.BadParameter(words, param_hint=option)
-    number = float(parts[1])
-    return math.radians(number) if parts[2] else number
-
-
-def _pair(text: str, option: str) -> tuple[float, float | None]:
-    """One number or two."""
-    first, comma, second = text.partition(",")
-    return _amount(first, option), _amount(second, option) if comma else None
-
-
-def _settings(**given: Any) -> MachineSettings:
-    from nhpocp.machine.simulation import MachineSettings
-
-    position, orientation = _pair(given.pop("noise"), "--noise")
-    stiffness, damping = _pair(given.pop("servo"), "--servo")
-    given |= {"noise": (position, orientation or 0.0), "stiffness": stiffness}
-    given |= {} if damping is None else {"damping": damping}
-    return MachineSettings(errors=",".join(given.pop("error")), **given)
+    from nhpocp.machine.simulation import Simulation
 
 
 @click.command()
@@ -56,21 +28,7 @@ def _settings(**given: Any) -> MachineSettings:
     show_default=True,
     help="By how much the end may miss the plan's, in units of length and in degrees.",
 )
-@click.option(
-    "--gravity", type=float, default=0.0, show_default=True, help="Downwards [m/s²]; 9.81 on earth."
-)
-@click.option("--payload", type=float, default=0.0, show_default=True, help="On the platform [kg].")
-@click.option("--friction", type=float, default=3.0, show_default=True, help="Of rollers on balls.")
-@click.option(
-    "--press", type=float, default=50.0, show_default=True, help="Of a roller against its ball [N]."
-)
-@click.option(
-    "--servo",
-    default="2e4,200",
-    show_default=True,
-    metavar="STIFFNESS[,DAMPING]",
-    help="Of the motors [N/m, N s/m].",
-)
+@machine_options
 @click.option(
     "--noise",
     default="0",
@@ -78,7 +36,6 @@ def _settings(**given: Any) -> MachineSettings:
     metavar="LENGTH[,ANGLE]",
     help="Standard deviations of the measured position and orientation: 0.01,0.1deg.",
 )
-@click.option("--latency", type=float, default=0.0, show_default=True, help="Of every command [s].")
 @click.option(
     "--error",
     multiple=True,
@@ -98,20 +55,27 @@ def simulate(
     The machine is built of where the joints are, at the plan's start; its motors follow the plan's leg lengths. Writes
     what it does into DIR/simulation. Exit status 0 if it ends where a converged plan does, within the tolerance.
     """
+    from nhpocp.interruption import Interruption
     from nhpocp.machine.simulation import play
     from nhpocp.simulation_folder import save_simulation
     from nhpocp.solution_folder import check_target, load_solution, unwritable
     from nhpocp.solution_folder.target import SIMULATION
     from nhpocp.whole import write_text
 
-    settings = _settings(**given)
+    position, orientation = numbers(given["noise"], "--noise")
+    more = {
+        "noise": (position, orientation or 0.0),
+        "errors": ",".join(given["error"]),
+        "seed": given["seed"],
+    }
+    settings = machine_settings(given, **more)
     solution = load_solution(folder)
     check_target(folder / SIMULATION)
-    with counter(as_json, "step") as show:
-        played = play(solution, settings, duration=duration, tolerance=tolerance, progress=show)
-    from nhpocp.views.simulation_figures import write_simulation_pictures
-
-    written, missing = save_simulation(played, folder, write_simulation_pictures)
+    with Interruption() as stop:
+        with counter(as_json, "step") as show:
+            played = play(solution, settings, duration=duration, tolerance=tolerance, progress=show)
+        stop.patient = True  # what was measured is written
+        written, missing = save_simulation(played, folder, _pictures)
     for sentence in missing:
         say(f"warning: {sentence}")
     if mjcf is not None:
@@ -126,6 +90,14 @@ def simulate(
     return SOLVED if played.reached else NOT_SOLVED
 
 
+def _pictures(played: Simulation, folder: Path) -> None:
+    from nhpocp.views.simulation_figures import write_simulation_pictures  # once the numbers are written
+    from nhpocp.views.simulation_page import write_simulation_page
+
+    write_simulation_pictures(played, folder)
+    write_simulation_page(played, folder / "animation.html")
+
+
 def _json(played: Simulation, written: Path) -> dict[str, Any]:
     from nhpocp.simulation_folder import to_json
 
@@ -136,7 +108,9 @@ def _lines(played: Simulation) -> list[str]:
     position, angle = played.worst_following
     end = _off(played, played.position_error, played.angle_error)
     said = "reached the plan's end" if played.reached else "missed the plan's end"
-    if not played.solution.converged:
+    if played.interrupted:
+        said = "was stopped on its way"
+    elif not played.solution.converged:
         said = "followed a plan that does not reach its goal"
     lines = [
         f"{played.solution.problem.name}: the machine {said}, {end}",

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 from click.core import ParameterSource
@@ -153,6 +153,11 @@ def _pictures(solution: Solution, folder: Path) -> None:
     metavar="SOLVER:KEY=VALUE,...",
     help="One more run on every file, such as nlp:control=basis or jacobian:control.harmonics=3; repeatable.",
 )
+@click.option(
+    "--physics",
+    is_flag=True,
+    help="Play every plan that reaches its goal on a machine of bodies and contacts, too (extra: physics).",
+)
 @click.option("--only", is_flag=True, help="The variants alone, not the two methods as the file sets them.")
 @set_option
 @click.option(
@@ -170,6 +175,7 @@ def compare(
     files: tuple[Path, ...],
     stored: bool,
     variants: tuple[str, ...],
+    physics: bool,
     only: bool,
     overrides: tuple[str, ...],
     output: Path,
@@ -180,8 +186,8 @@ def compare(
     Writes report.html, comparison.csv, comparison.json, comparison.tex (a table for LaTeX), a
     solution folder for every run, and NAME/animation.html with the motions of each problem.
     """
-    if stored and (variants or overrides or only):
-        raise click.UsageError("--from solves nothing: leave out --variant, --only and --set")
+    if stored and (variants or overrides or only or physics):
+        raise click.UsageError("--from solves nothing: leave out --variant, --only, --physics and --set")
     if only and not variants:
         raise click.UsageError("--only solves the variants alone: say some with --variant")
     if stored and any(file.is_file() for file in files):
@@ -199,7 +205,7 @@ def compare(
         if stored:
             comparison = load_comparison(files)
         else:
-            comparison, tasks, missing = _compared(files, variants, only, overrides, output, as_json)
+            comparison, tasks, missing = _compared(files, variants, only, overrides, output, as_json, physics)
         interruption.patient = True
         with progress(as_json, "writing the report"):
             written = write_comparison(comparison, output, _report, _animation, missing)
@@ -210,6 +216,14 @@ def compare(
         else:
             comparison_lines(comparison, written.files, tasks)
     return SOLVED if comparison.all_converged else NOT_SOLVED
+
+
+def _opinion() -> Callable[[Solution], Mapping[str, Any] | None]:
+    """A physics engine's. Errors: `MissingDependencyError` where there is none."""
+    from nhpocp.machine.simulation import opinion, require_engine
+
+    require_engine()
+    return opinion
 
 
 def _report(comparison: Comparison, file: Path, animations: Mapping[str, str]) -> None:
@@ -231,6 +245,7 @@ def _compared(
     overrides: Sequence[str],
     home: Path,
     quiet: bool,
+    physics: bool,
 ) -> tuple[Comparison, dict[str, str], list[str]]:
     """Every run, each stored as soon as it has ended; what was typed for every problem's name; what is missing."""
     from nhpocp import comparison
@@ -239,6 +254,7 @@ def _compared(
     problems = [load(file, overrides) for file in files]
     runs = plan(problems, variants, home, only)
     check_home(home, [problem.name for problem in problems])
+    opinion = _opinion() if physics else None
     folders = {id(run): folder for folder, run in runs.items()}
     missing: list[str] = []
 
@@ -257,4 +273,8 @@ def _compared(
 
     tasks = {problem.name: task(file, overrides) for problem, file in zip(problems, files, strict=True)}
     with progress(quiet) as show:
-        return comparison.compare(list(runs.values()), progress=show, finished=keep), tasks, missing
+        return (
+            comparison.compare(list(runs.values()), progress=show, finished=keep, opinion=opinion),
+            tasks,
+            missing,
+        )

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from nhpocp.cli.exit_status import NOT_SOLVED, SOLVED
+from nhpocp.cli.machine_options import machine_options, machine_settings, refuse_machine_options
 from nhpocp.cli.options import json_option, load, set_option
 from nhpocp.cli.progress import counter
 from nhpocp.cli.terminal import put, say, tell
@@ -16,12 +18,34 @@ from nhpocp.cli.terminal import put, say, tell
 if TYPE_CHECKING:
     from nhpocp.interruption import Interruption
     from nhpocp.machine.feedback.fleet import Fleet
+    from nhpocp.machine.feedback.plant import Workshop
     from nhpocp.machine.feedback.steering import Cycle, Steered, Steering
     from nhpocp.machine.model_errors import ModelErrors
     from nhpocp.problem import PlanningProblem
 
 OF_A_FLEET = 2.0  # per cent of every number, and degrees of every angle, where --runs comes without --error
-STEPS = 400  # of the machine's integration in a run
+STEPS = 400  # of the integration of a kinematic machine in a run
+PLAY = 10.0  # s of a run of a physical machine, unless --duration says so
+SETTLING = 0.5  # s that it is given to come to rest
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """What is to be done, where, and how it is told."""
+
+    problem: PlanningProblem
+    steering: Steering
+    wrong: ModelErrors
+    workshop: Workshop
+    noise: float
+    seed: int
+    home: Path
+    as_json: bool
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """Of the machine, for steer.json."""
+        return {**self.workshop.facts, "seed": self.seed}
 
 
 @click.command(
@@ -31,6 +55,16 @@ STEPS = 400  # of the machine's integration in a run
 @click.option("--cycles", type=click.IntRange(1, 1000), default=6, show_default=True, help="Runs at most.")
 @click.option(
     "--tolerance", type=float, default=1e-3, show_default=True, help="The error E that counts as reached."
+)
+@click.option(
+    "--machine",
+    type=click.Choice(["kinematic", "physics"]),
+    default="kinematic",
+    show_default=True,
+    help="By the system's equations, or of bodies, joints and contacts (extra: physics).",
+)
+@click.option(
+    "--duration", type=float, help="Of a run; default: the problem's horizon, with --machine physics 10 s."
 )
 @click.option(
     "--error",
@@ -54,25 +88,14 @@ STEPS = 400  # of the machine's integration in a run
     "--rate", type=float, help="Correct the rest of the first plan under way, so often in a unit of time."
 )
 @click.option("--objective", help="What each plan minimises, such as effort; default: as the file says.")
+@machine_options
 @set_option
 @click.option(
     "-o", "--output", type=click.Path(path_type=Path), help="The folder for steer.json, steer.csv and plans."
 )
 @json_option
-def steer(
-    file: Path,
-    cycles: int,
-    tolerance: float,
-    errors: str | None,
-    noise: float,
-    seed: int,
-    runs: int | None,
-    rate: float | None,
-    objective: str | None,
-    overrides: tuple[str, ...],
-    output: Path | None,
-    as_json: bool,
-) -> int:
+@click.pass_context
+def steer(context: click.Context, file: Path, output: Path | None, as_json: bool, **given: Any) -> int:
     """Plan FILE, run the plan on a simulated machine, measure, plan the rest again, until the goal is reached.
 
     The machine is the system with other parameters (--error). A run that leads away from the goal is taken back, and
@@ -85,74 +108,76 @@ def steer(
     from nhpocp.solution_folder import folder_name
     from nhpocp.steering_folder import check_home
 
-    problem = load(file, overrides)
+    problem, runs, errors = load(file, given["overrides"]), given["runs"], given["errors"]
     home = output or Path("results") / folder_name(problem.name) / "steer"
     check_home(home)
     if errors is not None:
         wrong = ModelErrors.parsed(errors, problem.system)
     else:
         wrong = ModelErrors.of_all(OF_A_FLEET, problem.system) if runs else ModelErrors(problem.system, ())
-    steering = Steering(tolerance=tolerance, cycles=cycles, objective=objective, rate=rate)
+    physics = given["machine"] == "physics"
+    steering = Steering(
+        tolerance=given["tolerance"],
+        cycles=given["cycles"],
+        objective=given["objective"],
+        rate=given["rate"],
+        duration=PLAY if physics and given["duration"] is None else given["duration"],
+        settling=SETTLING if physics else 0.0,
+    )
+    workshop = _workshop(problem, steering, physics, given, context)
+    asked = _Asked(problem, steering, wrong, workshop, given["noise"], given["seed"], home, as_json)
     with Interruption() as stop:
-        if runs is None:
-            return _one(problem, steering, wrong, noise, seed, home, as_json, stop)
-        return _many(problem, steering, wrong, noise, seed, runs, home, as_json, stop)
+        return _one(asked, stop) if runs is None else _many(asked, runs, stop)
 
 
-def _one(
-    problem: PlanningProblem,
-    steering: Steering,
-    wrong: ModelErrors,
-    noise: float,
-    seed: int,
-    home: Path,
-    as_json: bool,
-    stop: Interruption,
-) -> int:
-    from nhpocp.machine.feedback.simulated_plant import SimulatedPlant
+def _workshop(
+    problem: PlanningProblem, steering: Steering, physics: bool, given: dict[str, Any], context: click.Context
+) -> Workshop:
+    from nhpocp.machine.feedback.simulated_plant import KinematicWorkshop
+
+    noise = given["noise"]
+    if not physics:
+        refuse_machine_options(context, "--machine physics")
+        return KinematicWorkshop(problem.start, noise, (steering.duration or problem.horizon.fixed) / STEPS)
+    from nhpocp.machine.simulation import PhysicsWorkshop
+
+    return PhysicsWorkshop(problem.start, machine_settings(given, noise=(noise, noise)))
+
+
+def _one(asked: _Asked, stop: Interruption) -> int:
     from nhpocp.steering_folder import save_steering
 
-    system, gains, values = wrong.machine()
-    step = problem.horizon.fixed / STEPS
-    plant = SimulatedPlant(system, problem.start, noise=noise, gains=gains, seed=seed, step=step)
-    with counter(as_json, "cycle") as show:
+    problem, steering = asked.problem, asked.steering
+    system, gains, values = asked.wrong.machine()
+    plant = asked.workshop.made(system, gains, asked.seed)
+    with counter(asked.as_json, "cycle") as show:
         steered = steering.with_progress(_counted(show, steering.cycles)).run(problem, plant)
     stop.patient = True  # what was measured is written
-    machine = {"kind": "simulated", "wrong": values, "noise": noise, "seed": seed}
-    missing = save_steering(steered, home, {"plant": machine}, _pictures(problem))
-    _warn(missing)
-    if as_json:
-        put(_plain(steered, home))
+    facts = {"plant": {**asked.facts, "wrong": values}}
+    _warn(save_steering(steered, asked.home, facts, _pictures(problem)))
+    if asked.as_json:
+        put(_plain(steered, asked.home))
     else:
-        _tell_one(steered, wrong, home)
+        _tell_one(steered, asked.wrong, asked.home)
     return SOLVED if steered.reached else NOT_SOLVED
 
 
-def _many(
-    problem: PlanningProblem,
-    steering: Steering,
-    wrong: ModelErrors,
-    noise: float,
-    seed: int,
-    runs: int,
-    home: Path,
-    as_json: bool,
-    stop: Interruption,
-) -> int:
+def _many(asked: _Asked, runs: int, stop: Interruption) -> int:
     from nhpocp.machine.feedback.fleet import steer_fleet
     from nhpocp.solution_folder import plain
     from nhpocp.steering_folder import save_fleet
 
-    with counter(as_json, "machine") as show:
-        fleet = steer_fleet(problem, wrong, runs, steering, noise=noise, seed=seed, progress=show)
+    with counter(asked.as_json, "machine") as show:
+        fleet = steer_fleet(
+            asked.problem, asked.wrong, runs, asked.steering, asked.workshop, seed=asked.seed, progress=show
+        )
     stop.patient = True
-    machine = {"kind": "simulated", "noise": noise, "seed": seed}
-    _warn(save_fleet(fleet, home, {"plant": machine}, _pictures(problem)))
-    if as_json:
-        head = {"folder": str(home), "outcome": fleet.outcome, "runs": runs, "reached": fleet.reached}
+    _warn(save_fleet(fleet, asked.home, {"plant": asked.facts}, _pictures(asked.problem)))
+    if asked.as_json:
+        head = {"folder": str(asked.home), "outcome": fleet.outcome, "runs": runs, "reached": fleet.reached}
         put(plain({**head, "plan_s": fleet.plan_s, "table": fleet.table()}))
     else:
-        _tell_many(fleet, home)
+        _tell_many(fleet, asked)
     return SOLVED if fleet.reached == runs else NOT_SOLVED
 
 
@@ -203,11 +228,11 @@ def _tell_one(steered: Steered, wrong: ModelErrors, home: Path) -> None:
     tell(f"  written: {home}")
 
 
-def _tell_many(fleet: Fleet, home: Path) -> None:
+def _tell_many(fleet: Fleet, asked: _Asked) -> None:
     within = f"E = {fleet.tolerance:g}"
     tell(f"{fleet.problem.name}: {fleet.reached} of {fleet.runs} machines reached the goal within {within}")
     tell(
-        f"  up to: {fleet.errors.words}; noise {fleet.noise:g}; planned in {_figure(fleet.plan_s)} s a cycle (median)"
+        f"  up to: {fleet.errors.words}; noise {asked.noise:g}; planned in {_figure(fleet.plan_s)} s a cycle (median)"
     )
     tell(f"  {'':37s}least      median     90 %       most")
     for name, rows in fleet.table().items():
@@ -217,7 +242,7 @@ def _tell_many(fleet: Fleet, home: Path) -> None:
     for number, machine in enumerate(fleet.machines):
         if not machine.steered.reached:
             tell(f"  machine {number}: {machine.steered.outcome.value}: {machine.steered.message}")
-    tell(f"  written: {home}")
+    tell(f"  written: {asked.home}")
 
 
 def _figure(value: float | None) -> str:

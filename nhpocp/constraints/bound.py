@@ -21,6 +21,8 @@ from nhpocp.scales import side_size
 from nhpocp.systems.margins import Margin, margin
 from nhpocp.systems.system import System
 
+RELATIVE = 1e-3  # of its size, by which a limit may be passed
+
 
 @dataclass(frozen=True, eq=False)
 class Bound(ByValue, Frozen):
@@ -29,7 +31,8 @@ class Bound(ByValue, Frozen):
     label: as a problem file calls it, such as "leg_length" or "state.position"; reports show it. quantity: a name of
     the trajectory, such as "leg_lengths" or "u". lower, upper: numbers in the quantity's unit ([length], [rad], a rate
     per [time]), or arrays (components,); infinite where a side is open. scale, coordinate: filled in by a problem.
-    degrees: whether messages give its numbers, angles in [rad], in degrees.
+    degrees: whether messages give its numbers, angles in [rad], in degrees. entries: what messages call its components,
+    filled in by a problem.
     Errors: `InvalidProblemError`, by the problem, for a quantity that it does not have, or limits of another shape.
     """
 
@@ -42,6 +45,13 @@ class Bound(ByValue, Frozen):
     scale: float = field(default=1.0, compare=False)
     coordinate: bool = field(default=False, compare=False)
     degrees: bool = field(default=False, compare=False)
+    entries: tuple[str, ...] = field(default=(), compare=False)
+
+    def named(self, component: tuple[int, ...]) -> str:
+        """The label with a component, as in leg_length[1] or distance[leg 1, leg 2]."""
+        if self.entries:
+            return f"{self.label}[{self.entries[component[0] if component else 0]}]"
+        return self.label + "".join(f"[{i}]" for i in component)
 
     def figure(self, value: float, form: str = "g") -> str:
         """A number of the quantity in words."""
@@ -80,12 +90,16 @@ class Bound(ByValue, Frozen):
 
     def relative_excess(self, values: Array) -> Array:
         """The excess in units of the size of the limit that is passed, each side and component by its own."""
+        return np.maximum(0.0, self.nearness(values))
+
+    def nearness(self, values: Array) -> Array:
+        """The relative excess; negative inside, where it says how far the nearer limit is."""
         lower, upper = np.asarray(self.lower, dtype=float), np.asarray(self.upper, dtype=float)
         sizes = self.sizes
         with np.errstate(invalid="ignore"):  # an infinite limit is never passed
-            below = np.where(np.isfinite(lower), (lower - values) / sizes[0], 0.0)
-            above = np.where(np.isfinite(upper), (values - upper) / sizes[1], 0.0)
-        return np.maximum(0.0, np.maximum(below, above))
+            below = np.where(np.isfinite(lower), (lower - values) / sizes[0], -np.inf)
+            above = np.where(np.isfinite(upper), (values - upper) / sizes[1], -np.inf)
+        return np.maximum(below, above)
 
     @cached_property
     def sizes(self) -> tuple[Array, Array]:
@@ -163,8 +177,7 @@ def bound_rows(
     for index in np.ndindex(*shape):
         entry = value[index] if shape else value
         if np.isfinite(lower[index]) or np.isfinite(upper[index]):
-            name = bound.label + "".join(f"[{i}]" for i in index)
-            rows.append((name, entry, float(lower[index]), float(upper[index])))
+            rows.append((bound.named(index), entry, float(lower[index]), float(upper[index])))
     return rows
 
 
@@ -202,7 +215,7 @@ class BoundReport:
     @property
     def name(self) -> str:
         """The bound and its component, as in leg_length[1]."""
-        return self.bound.label + "".join(f"[{i}]" for i in self.component)
+        return self.bound.named(self.component)
 
     def __repr__(self) -> str:
         place = f"nearest {self.value:.4g} at t = {self.time:.4g}"
@@ -226,13 +239,16 @@ class BoundReport:
 
 
 def check_bounds(
-    bounds: Sequence[Bound], times: Array, trajectory: Mapping[str, Array], relative_tolerance: float = 1e-3
+    bounds: Sequence[Bound],
+    times: Array,
+    trajectory: Mapping[str, Array],
+    relative_tolerance: float = RELATIVE,
 ) -> list[BoundReport]:
     """Every bound on every sample; a bound holds if no excess is above ``relative_tolerance`` of `Bound.sizes`."""
     reports = []
     for bound in bounds:
         values = np.asarray(trajectory[bound.quantity])
-        relative = np.where(np.isnan(values), np.inf, bound.relative_excess(values))
+        relative = np.where(np.isnan(values), np.inf, bound.nearness(values))
         place = np.unravel_index(int(np.argmax(relative)), relative.shape)
         worst = float(np.where(np.isnan(values), np.inf, bound.excess(values))[place])
         component = tuple(int(i) for i in place[1:])

@@ -12,15 +12,17 @@ from nhpocp.constraints.kind import ConstraintKind, opened, sides
 from nhpocp.systems.system import System
 
 NAMES = ("theta1", "theta2", "theta3", "theta4")
+CONE = "cone"
 
 
 class JointAngle(ConstraintKind):
-    """lo ≤ θ_j ≤ hi [rad] in every leg: θ1 and θ2 of the rolling joint, θ3 and θ4 of the universal joint."""
+    """lo ≤ θ_j ≤ hi [rad] in every leg: θ1 and θ2 of the rolling joint, θ3 and θ4 of the universal joint.
+
+    cone: of the rolling joint, the angle between the leg and its direction at the start.
+    """
 
     key = "joint_angle"
-    meaning = (
-        "[lo, hi] of each leg's theta1, theta2 (base), theta3, theta4 (platform); 80 deg is a number, too"
-    )
+    meaning = "[lo, hi] of each leg's theta1, theta2, cone (base), theta3, theta4 (platform); 80 deg is a number, too"
     shape = "pairs by name"
     example: ClassVar[Any] = {"theta4": (-1.5, 1.5)}
 
@@ -29,9 +31,9 @@ class JointAngle(ConstraintKind):
         return "" if known else f"the system {system.model} has no joint angles; remove it"
 
     def misfit(self, value: Any, system: System) -> str:
-        unknown = [name for name in value if name not in NAMES]
+        unknown = [name for name in value if name not in (*NAMES, CONE)]
         if unknown:
-            return f"unknown angle {unknown[0]!r}; expected some of {', '.join(NAMES)}"
+            return f"unknown angle {unknown[0]!r}; expected some of {', '.join((*NAMES, CONE))}"
         lists = [name for name, pair in value.items() if any(isinstance(side, list) for side in pair)]
         return f"lists of bounds for {lists[0]}; expected [lo, hi], for every leg" if lists else ""
 
@@ -39,6 +41,8 @@ class JointAngle(ConstraintKind):
         return [self._bound(name, *sides(pair)) for name, pair in value.items()]
 
     def _bound(self, name: str, low: float, high: float) -> Bound:
+        if name == CONE:
+            return Bound(f"{self.key}.{name}", "joint_cones", low, high)
         lower, upper = np.full(len(NAMES), -np.inf), np.full(len(NAMES), np.inf)
         place = NAMES.index(name)
         lower[place], upper[place] = low, high
@@ -47,6 +51,9 @@ class JointAngle(ConstraintKind):
     def value(self, bounds: Sequence[Bound], system: System) -> Any:
         named = {bound.label.partition(".")[2]: bound for bound in bounds}
         return {
-            name: [opened(side)[NAMES.index(name)] for side in (bound.lower, bound.upper)]
+            name: [
+                opened(side) if name == CONE else opened(side)[NAMES.index(name)]
+                for side in (bound.lower, bound.upper)
+            ]
             for name, bound in named.items()
         }

@@ -18,6 +18,7 @@ KINDS: Family[ConstraintKind] = Family(
         "leg_length": "nhpocp.constraints.leg_length:LegLength",
         "leg_speed": "nhpocp.constraints.leg_speed:LegSpeed",
         "joint_angle": "nhpocp.constraints.joint_angle:JointAngle",
+        "distance": "nhpocp.constraints.distance:Distance",
         "control": "nhpocp.constraints.control:ControlSize",
         "clearance": "nhpocp.constraints.clearance:Clearance",
         "state": "nhpocp.constraints.state:StateBox",

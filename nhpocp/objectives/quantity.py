@@ -16,7 +16,7 @@ def quantity(system: System, name: str, state: Array, control: Array) -> Array:
     if name in values:
         return values[name]
     try:
-        return system.output(name, state, control)
+        return system.quantity(name, state, control)
     except KeyError:
-        known = [*inputs, *values, *system.outputs(state, control)]
+        known = [*inputs, *values, *system.quantities(state, control)]
         raise InvalidProblemError(f"no quantity {name!r} here; there are {', '.join(known)}") from None

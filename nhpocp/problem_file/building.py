@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError
 
+from nhpocp.bodies.obstacles import Obstacle
 from nhpocp.constraints.registry import bounds_of
 from nhpocp.controls.control import Control
 from nhpocp.controls.registry import BASES
@@ -16,6 +17,7 @@ from nhpocp.horizon import Horizon
 from nhpocp.objectives.registry import OBJECTIVES, available, costs_of_motion
 from nhpocp.problem import PlanningProblem
 from nhpocp.problem_file.messages import translate
+from nhpocp.problem_file.obstacles import plain_obstacles
 from nhpocp.problem_file.schema import FreeHorizon, ProblemData
 from nhpocp.problem_file.settings import BLOCKS
 from nhpocp.problem_file.states import Strict, plain_state
@@ -52,6 +54,8 @@ def assembled(data: ProblemData, system: System) -> PlanningProblem:
     basis = data.control.made()
     if words := OBJECTIVES[data.objective].lacking_control(basis):
         wrong.append(InvalidProblemError(words, path="objective"))
+    obstacles = part(lambda: Obstacle.several(plain_obstacles(data.obstacles)), ())
+    around = system.among(obstacles) if obstacles and system.has_bodies else system
     problem = part(
         lambda: PlanningProblem(
             system=system,
@@ -65,7 +69,8 @@ def assembled(data: ProblemData, system: System) -> PlanningProblem:
             error_length=data.error_length,
             length_scale=data.length_scale,
             via=[Via(data.via[i].at, plain_state(data.via[i].values)) for i in via_order(data)],
-            bounds=part(lambda: bounds_of(data.constraints.given(), system), []),
+            obstacles=obstacles,
+            bounds=part(lambda: bounds_of(data.constraints.given(), around), []),
             samples=data.output.samples,
             pictures=data.output.pictures,
             reference=data.reference.model_dump(exclude_none=True),

@@ -55,6 +55,7 @@ def _data(problem: PlanningProblem, settings: Mapping[str, Mapping[str, Any]]) -
         "error_length": problem.error_length,
         "length_scale": problem.length_scale,
         "via": [{"at": via.share, **_state(problem, via.goal)} for via in problem.via] or None,
+        "obstacles": [obstacle.as_data() for obstacle in problem.obstacles] or None,
         "constraints": block_of(problem.bounds, problem.system) or None,
         "solvers": _solvers(problem, settings) or None,
         "output": {"samples": problem.samples, "pictures": problem.pictures},

@@ -22,6 +22,7 @@ from nhpocp.problem_file.building import assembled, build_solvers, via_order
 from nhpocp.problem_file.document import Document
 from nhpocp.problem_file.homes import homes
 from nhpocp.problem_file.messages import translate
+from nhpocp.problem_file.obstacles import corners_of_meshes
 from nhpocp.problem_file.overrides import apply, within
 from nhpocp.problem_file.registry import SYSTEMS, read_system
 from nhpocp.problem_file.schema import ProblemData
@@ -162,6 +163,13 @@ def _read(text: str, file: str | None, path: FilePath | None, overrides: Sequenc
         words = f"this is a study of many problems; run it with `nhpocp sweep {file or 'STUDY.yaml'}`"
         raise place.error([InvalidProblemError(words, path="study", at_key=True)])
     shown = document.text if overrides else text
+    try:
+        meshes = corners_of_meshes(document.data, path)
+    except InvalidProblemError as error:
+        raise place.error([error]) from None
+    if meshes:
+        document = apply(shown, meshes, file)[0]
+        shown = document.text
     try:
         try:
             data, system = _validated(document.data)

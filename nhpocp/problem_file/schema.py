@@ -21,6 +21,7 @@ from nhpocp.problem_file.numbers import (
     Size,
     Whole,
 )
+from nhpocp.problem_file.obstacles import ObstacleData
 from nhpocp.problem_file.settings import Solvers, absent
 from nhpocp.problem_file.states import State, StateValue, Strict
 from nhpocp.solvers.registry import SOLVERS
@@ -185,6 +186,9 @@ class ProblemData(Strict):
     )
     via: Annotated[list[ViaData], BeforeValidator(_none_is_empty_list)] = Field(
         default_factory=list, description="poses to pass on the way"
+    )
+    obstacles: Annotated[list[ObstacleData], BeforeValidator(_none_is_empty_list)] = Field(
+        default_factory=list, description="what stands around the system, for `constraints.distance`"
     )
     constraints: Annotated[Constraints, BeforeValidator(absent)] = Field(
         default_factory=lambda: Constraints(),

@@ -14,6 +14,7 @@ from typing import Any
 from pydantic import TypeAdapter
 from pydantic.fields import FieldInfo
 
+from nhpocp.bodies.obstacles import KINDS as KINDS_OF_OBSTACLES
 from nhpocp.constraints.registry import KINDS
 from nhpocp.problem_file.control import BLOCKS
 from nhpocp.problem_file.numbers import Choice
@@ -57,6 +58,7 @@ def starter(model: str = "three_upu", schema: str = "nhpocp.schema.json") -> str
         ),
         *_control(system, task.get("control", {})),
         *options(ProblemData, ["objective", "error_length", "length_scale"]),
+        *_obstacles(system),
         *_constraints(system, task["start"]),
         "solvers:",
         *_solvers(),
@@ -151,7 +153,9 @@ def _default(parameter: Parameter) -> Any:
     value = parameter.default
     if isinstance(value, float) and parameter.unit == "angle":
         return f"{degrees(value):.12g} deg"
-    return "[…]" if value is None else value
+    if value is None:
+        return 1 if parameter.kind == "positive" else "[…]"
+    return value
 
 
 def _ends(cls: type[System], system: System, task: Mapping[str, Any]) -> Iterator[str]:
@@ -190,6 +194,19 @@ def _control(system: System, given: Mapping[str, Any]) -> Iterator[str]:
     yield line("  initial:" if rows else "  initial: auto", meaning)
     for row in rows or ():
         yield f"    - {flow(row)}"
+
+
+OBSTACLES = {  # out of the way
+    2: {"disc": {"centre": [50, 50], "radius": 1}},
+    3: {"sphere": {"centre": [50, 50, 50], "radius": 1}},
+}
+
+
+def _obstacles(system: System) -> Iterator[str]:
+    if system.has_bodies:
+        numbers = system.dimension_of_bodies
+        names = ", ".join(name for name, kind in KINDS_OF_OBSTACLES.items() if kind.dimension == numbers)
+        yield _option("obstacles", [OBSTACLES[numbers]], f"{names}; with constraints: {{distance: 0.1}}")
 
 
 def _constraints(system: System, start: Mapping[str, Any]) -> Iterator[str]:

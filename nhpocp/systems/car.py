@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from nhpocp.arrays import Array, dot, namespace
 from nhpocp.state_space import StateSpace, scalar
-from nhpocp.systems.planar import across, along, vehicle, wheels
+from nhpocp.systems.planar import across, along, vehicle, vehicle_footprint, wheels
 from nhpocp.systems.system import Parameter, System
 
 if TYPE_CHECKING:
+    from nhpocp.bodies.hull import Hull
     from nhpocp.systems.chained_form import ChainedForm
 
 
@@ -72,6 +73,9 @@ class Car(System):
             return xp.concatenate([first * axis + last * side, theta, xp.arctan(slopes[1])])
 
         return ChainedForm(self, 0, lambda x: dot(axis, x[:2]), lambda x: dot(side, x[:2]), assemble)
+
+    def bodies(self, state: Array) -> dict[str, Hull]:
+        return {"car": vehicle_footprint(state[:2], state[2], 1.0, self.wheelbase)}
 
     def drawing(self, state: Array) -> dict[str, Any]:
         """The body and four wheels, the front ones steered."""

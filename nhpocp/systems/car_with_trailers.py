@@ -6,9 +6,20 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from nhpocp.arrays import Array, dot, namespace
+from nhpocp.bodies.hull import Hull, capsule
 from nhpocp.errors import InvalidProblemError
 from nhpocp.state_space import StateSpace, scalar, vector
-from nhpocp.systems.planar import across, along, box, link, outline, vehicle, wheels
+from nhpocp.systems.planar import (
+    across,
+    along,
+    box,
+    footprint,
+    link,
+    outline,
+    vehicle,
+    vehicle_footprint,
+    wheels,
+)
 from nhpocp.systems.system import Parameter, System
 
 if TYPE_CHECKING:
@@ -134,6 +145,19 @@ class CarWithTrailers(System):
             return lambda state: dot(direction, self.axles(state)[-1])
 
         return ChainedForm(self, 0, of_axle(axis), of_axle(side), assemble)
+
+    def bodies(self, state: Array) -> dict[str, Hull]:
+        """The footprints with their wheels, and the drawbars, which touch what they are hitched to."""
+        axles, size, ahead = self.axles(state), min(self.lengths), "tractor"
+        bodies = {ahead: vehicle_footprint(axles[0], state[2], self._nose() / size, size)}
+        for i, (here, length) in enumerate(zip(axles[1:], self.lengths, strict=True), start=1):
+            theta, own = state[2 + i], f"trailer {i}"
+            bar = capsule(here, here + length * along(theta), 0.04 * size)
+            bodies[f"drawbar {i}"] = bar.touching(ahead, own, f"drawbar {i - 1}")
+            corners = box(-0.25 * size, length - 0.45 * size, 0.28 * size)
+            bodies[own] = footprint(here, theta, corners).touching(f"drawbar {i + 1}")
+            ahead = own
+        return bodies
 
     def drawing(self, state: Array) -> dict[str, Any]:
         """Tractor and trailers with their wheels, and drawbars to the hitches, behind the axles or on them."""

@@ -207,6 +207,32 @@ def several(legs: Any) -> list[Leg | Mapping[str, Any]]:
     return list(legs)
 
 
+def numbered(number: int, leg: Leg | Mapping[str, Any], declared: Mapping[str, Parameter]) -> Leg:
+    """A leg as `Leg.of`, whose errors say which of several it is."""
+    try:
+        return Leg.of(leg, declared)
+    except InvalidProblemError as error:
+        raise InvalidProblemError(f"leg {number}: {error.message}", path="system.legs") from None
+
+
+def miscounted(legs: Sequence[Leg], rows: int, motors: int) -> str:
+    """Why these legs do not determine the platform's motion, leg by leg."""
+    each = "; ".join(f"leg {i} ({leg.describe()})" for i, leg in enumerate(legs, 1))
+    if rows == 6 and not motors:
+        remedy = "none of them a motor: the platform cannot move"
+    else:
+        more = rows - 6
+        remedy = (
+            f"{more} too many: leave out motors or constraints"
+            if more > 0
+            else f"{-more} missing: actuate a leg, fix its length, or give it a joint that constrains it"
+        )
+    return (
+        f"motors and constraints give {rows} rows, and a platform in space needs 6, {remedy}. "
+        f"Rows: {each or 'no leg'}"
+    )
+
+
 def _vector(name: str, given: Any, is_direction: bool) -> Vector3:
     given = given.tolist() if hasattr(given, "tolist") else given
     if not isinstance(given, list | tuple):

@@ -7,9 +7,10 @@ from itertools import pairwise
 from typing import Any, ClassVar
 
 from nhpocp.arrays import Array, dot, namespace
+from nhpocp.bodies.hull import Hull, capsule
 from nhpocp.errors import InvalidProblemError
 from nhpocp.state_space import StateSpace, scalar, vector
-from nhpocp.systems.planar import across, along, box, link, outline, wheels
+from nhpocp.systems.planar import across, along, box, footprint, link, outline, wheels
 from nhpocp.systems.system import Parameter, System
 
 
@@ -97,6 +98,15 @@ class MobileManipulator(System):
 
     def default_length_scale(self) -> float:
         return max(self.links)
+
+    def bodies(self, state: Array) -> dict[str, Hull]:
+        """The base, and the links, which reach over it; a link touches its neighbours."""
+        (places, _), half = self._arm(state), 0.5 * self.track
+        front, thick = max(self.base_offset + 0.3 * half, half), 0.06 * max(self.links)
+        bodies = {"base": footprint(state[:2], state[2], box(-0.8 * half, front, 1.2 * half))}
+        for i, (start, end) in enumerate(pairwise(places), start=1):
+            bodies[f"link {i}"] = capsule(start, end, thick).touching("base", f"link {i - 1}")
+        return bodies
 
     def drawing(self, state: Array) -> dict[str, Any]:
         """The base with its two wheels, and the arm."""

@@ -57,7 +57,7 @@ class NumericSystem:
 
     @cached_property
     def _outputs(self) -> tuple[ca.Function, dict[str, tuple[int, int]]]:
-        outputs = self.system.outputs(self._state, self._control)
+        outputs = self.system.quantities(self._state, self._control)
         return self._function("outputs", {key: ca.densify(ca.SX(value)) for key, value in outputs.items()})
 
     @cached_property

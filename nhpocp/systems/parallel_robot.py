@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import cos, hypot, pi, sin
 from typing import Any, ClassVar, Self
 
 from nhpocp.arrays import Array, cross, namespace, symbolic
+from nhpocp.bodies.hull import Hull, capsule, hull_of
 from nhpocp.errors import InvalidProblemError
 from nhpocp.state_space import Block, StateSpace, direction, rotation, vector
 from nhpocp.systems.joints import BASE_JOINTS, LegPose, Row
-from nhpocp.systems.legs import FIELDS, Leg, several
+from nhpocp.systems.legs import FIELDS, Leg, miscounted, numbered, several
 from nhpocp.systems.solids import ball, rod, roller
 from nhpocp.systems.system import Parameter, System
 
@@ -38,6 +39,12 @@ LEG = {  # of a file, the fields of `Leg`
         "prismatic joint",
     ),
     "actuated": Parameter("flag", None, "whether a motor drives the length; default: if it is prismatic"),
+}
+SIZES = {  # of bodies, for pictures and for distances
+    "leg_radius": Parameter(
+        "positive", None, "of the legs; default: 0.07 of the platform's size", unit="length"
+    ),
+    "thickness": Parameter("positive", None, "of base and platform; default: flat plates", unit="length"),
 }
 JOINTS = ("spheres", "universal joints")  # the points of a drawing
 
@@ -102,7 +109,8 @@ class ParallelRobot(System):
             None,
             "the legs, {base, platform, base_joint, r, w1, w2, w4, length, actuated} each; default: preset mixed",
             keys=LEG,
-        )
+        ),
+        **SIZES,
     }
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {
         "mixed": {
@@ -139,11 +147,29 @@ class ParallelRobot(System):
         [vector("position", 3, "length", symbol="p", words="position"), rotation("orientation")]
     )
     legs: tuple[Leg, ...]
+    leg_radius: float | None = None
+    thickness: float | None = None
 
-    def __init__(self, legs: Sequence[Leg | Mapping[str, Any]] | None = None) -> None:
+    def __init__(
+        self,
+        legs: Sequence[Leg | Mapping[str, Any]] | None = None,
+        leg_radius: float | None = None,
+        thickness: float | None = None,
+    ) -> None:
+        self._set_sizes(leg_radius, thickness)
         given = self.presets["mixed"]["legs"] if legs is None else legs
-        self._set_legs([_numbered(i, leg) for i, leg in enumerate(several(given), 1)])
+        self._set_legs([numbered(i, leg, LEG) for i, leg in enumerate(several(given), 1)])
         self.input_space = StateSpace([vector("u", self.motors, "length")])
+
+    def _set_sizes(self, leg_radius: float | None, thickness: float | None) -> None:
+        for name, value in (("leg_radius", leg_radius), ("thickness", thickness)):
+            if value is not None:
+                setattr(self, name, SIZES[name].checked(name, value))
+
+    def _sizes(self) -> dict[str, float]:
+        """The sizes of bodies that were given."""
+        given = {"leg_radius": self.leg_radius, "thickness": self.thickness}
+        return {name: value for name, value in given.items() if value is not None}
 
     def _set_legs(self, legs: Sequence[Leg]) -> None:
         """Errors: `InvalidProblemError` where motors and constraints are not six."""
@@ -154,7 +180,7 @@ class ParallelRobot(System):
         self.holonomic, self.non_holonomic = kinds.count("holonomic"), kinds.count("non-holonomic")
         rows = self.motors + self.holonomic + self.non_holonomic
         if rows != 6 or not self.motors:
-            raise InvalidProblemError(_miscounted(self.legs, rows, self.motors), path="system.legs")
+            raise InvalidProblemError(miscounted(self.legs, rows, self.motors), path="system.legs")
         free = sum(not leg.pinned for leg in self.legs)
         self.output_blocks: Sequence[Block] = (
             vector("leg_lengths", free, "length", symbol="l", words="leg length", of_pose=True),
@@ -163,7 +189,7 @@ class ParallelRobot(System):
         )
 
     def parameters(self) -> dict[str, Any]:
-        return {"legs": [leg_data(leg, LEG) for leg in self.legs]}
+        return {"legs": [leg_data(leg, LEG) for leg in self.legs], **self._sizes()}
 
     def in_symbols(self, vectors: Sequence[Mapping[str, Sequence[Array]]]) -> Self:
         """A twin for formulas, whose legs have other vectors, of symbols; nothing is checked, and it is no problem's.
@@ -287,6 +313,30 @@ class ParallelRobot(System):
     def default_length_scale(self) -> float:
         return self._mean_arm
 
+    @property
+    def _leg_radius(self) -> float:
+        return self.leg_radius or 0.07 * self.default_length_scale()
+
+    def bodies(self, state: Array) -> dict[str, Hull]:
+        """Base, platform and legs; what shares a joint touches."""
+        (position, turned), thickness = self.pose(state), self.thickness or 0.0
+        base = hull_of([leg.base for leg in self.legs], thickness)
+        platform = hull_of([leg.platform for leg in self.legs], thickness)
+        platform = platform.moved(position, turned)
+        pinned = ["platform" for leg in self.legs if leg.pinned]
+        bodies = {"base": replace(base, fixed=True).touching(*pinned), "platform": platform}
+        for i, (leg, pose) in enumerate(zip(self.legs, self.leg_poses(state), strict=True), 1):
+            if not leg.pinned:
+                shared = [
+                    f"leg {k}"
+                    for k, other in enumerate(self.legs, 1)
+                    if k != i and (leg.base == other.base or leg.platform == other.platform)
+                ]
+                bodies[f"leg {i}"] = capsule(pose.a, pose.b, self._leg_radius).touching(
+                    "base", "platform", *shared
+                )
+        return bodies
+
     def drawing(self, state: Array) -> dict[str, Any]:
         """Both bodies, the legs, and the directions of their joints, from the middle of each joint."""
         xp, poses = namespace(state), self.leg_poses(state)
@@ -316,7 +366,7 @@ class ParallelRobot(System):
         turned = xp.eye(3) if pose.w3 is None else xp.rows([pose.g, pose.w3, cross(pose.g, pose.w3)]).T
         solids: dict[str, Any] = {f"sphere {number}": ball(pose.a, turned, radius, *JOINTS)}
         if not leg.pinned:
-            solids[f"leg {number}"] = rod(pose.a, pose.b, 0.07 * size)
+            solids[f"leg {number}"] = rod(pose.a, pose.b, self._leg_radius)
             if leg.w4 is None:
                 solids[f"head {number}"] = ball(pose.b, turned, 0.09 * size)
         if pose.r is not None and leg.joint != "universal":
@@ -346,28 +396,3 @@ def _mean_arm(legs: Sequence[Leg]) -> float:
         if any(arms):
             return sum(arms) / len(arms)
     return 1.0
-
-
-def _numbered(number: int, leg: Leg | Mapping[str, Any]) -> Leg:
-    try:
-        return Leg.of(leg, LEG)
-    except InvalidProblemError as error:
-        raise InvalidProblemError(f"leg {number}: {error.message}", path="system.legs") from None
-
-
-def _miscounted(legs: Sequence[Leg], rows: int, motors: int) -> str:
-    """Why these legs do not determine the platform's motion, leg by leg."""
-    each = "; ".join(f"leg {i} ({leg.describe()})" for i, leg in enumerate(legs, 1))
-    if rows == 6 and not motors:
-        remedy = "none of them a motor: the platform cannot move"
-    else:
-        more = rows - 6
-        remedy = (
-            f"{more} too many: leave out motors or constraints"
-            if more > 0
-            else f"{-more} missing: actuate a leg, fix its length, or give it a joint that constrains it"
-        )
-    return (
-        f"motors and constraints give {rows} rows, and a platform in space needs 6, {remedy}. "
-        f"Rows: {each or 'no leg'}"
-    )

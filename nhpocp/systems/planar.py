@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from math import cos, pi, sin
 
 from nhpocp.arrays import Array, namespace, norm
+from nhpocp.bodies.hull import Hull, polygon
 
 NOSE = [
     (1.2, 0.0),
@@ -63,6 +64,20 @@ def vehicle(name: str, here: Array, heading: Array, wheelbase: float, size: floa
         name: outline(here, heading, body, size),
         "window": outline(here, heading, [*window, window[0]], size),
     }
+
+
+def footprint(here: Array, heading: Array, corners: Sequence[tuple[float, float]], size: float = 1.0) -> Hull:
+    """The convex body within the closed line of `outline`."""
+    ahead, left = along(heading), across(heading)
+    return polygon([here + size * (a * ahead + b * left) for a, b in corners[:-1]])
+
+
+def vehicle_footprint(here: Array, heading: Array, wheelbase: float, size: float) -> Hull:
+    """What `vehicle` and its `wheels`, those in front straight ahead, take up."""
+    front, half = wheelbase + 0.35, 0.28
+    corners = [(-0.25, half), (wheelbase + WHEEL, half), (front, 0.14)]
+    corners += [(a, -b) for a, b in reversed(corners)]
+    return footprint(here, heading, [*corners, corners[0]], size)
 
 
 def wheel(here: Array, heading: Array, size: float) -> Array:

@@ -24,6 +24,7 @@ def quantities(system: System, point: Array) -> list[tuple[str, Block]]:
         values = system.outputs(near, np.zeros(system.input_space.size))
         matrices = list(system.regularity(near))
     declared = {block.name: block for block in system.output_blocks or ()}
+    more = [block for block in system.quantity_blocks if block.name not in declared]
     outputs = []
     for name, value in values.items():
         shape = tuple(size for size in np.shape(value) if size > 1)
@@ -35,8 +36,8 @@ def quantities(system: System, point: Array) -> list[tuple[str, Block]]:
     parts = [
         *(("state", block) for block in system.state_space.blocks),
         *(("input", block) for block in system.input_space.blocks),
-        *(("output", block) for block in outputs),
+        *(("output", block) for block in (*outputs, *more)),
         *(("margin", scalar(margin.name, symbol=margin.symbol)) for margin in margins),
     ]
-    check_names(parts)
+    check_names([(what, block) for what, block in parts if block not in more])
     return parts

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any, ClassVar
 
 from nhpocp.arrays import Array, cross, namespace
+from nhpocp.bodies import hull
 from nhpocp.state_space import StateSpace, rotation, scalar, vector
 from nhpocp.systems.solids import ball, facet, great_circle
 from nhpocp.systems.system import Parameter, System
@@ -57,6 +58,9 @@ class RollingSphere(System):
 
     def default_length_scale(self) -> float:
         return self.radius
+
+    def bodies(self, state: Array) -> dict[str, hull.Hull]:
+        return {"sphere": hull.ball(namespace(state).vector([state[0], state[1], self.radius]), self.radius)}
 
     def drawing(self, state: Array) -> dict[str, Any]:
         """The sphere's three great circles, one octant of it, and where it touches."""

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any, ClassVar
 
 from nhpocp.arrays import Array, cross, dot, namespace
+from nhpocp.bodies import hull
 from nhpocp.state_space import StateSpace, direction, rotation, scalar, vector
 from nhpocp.systems.solids import ball, facet, great_circle
 from nhpocp.systems.system import Parameter, System
@@ -76,6 +77,9 @@ class SphereOnSphere(System):
 
     def outputs(self, state: Array, control: Array) -> dict[str, Array]:
         return {"gamma": self.line_of_centres(state)[0]}
+
+    def bodies(self, state: Array) -> dict[str, hull.Hull]:
+        return {"sphere": hull.ball((self.ratio + 1.0) * self.line_of_centres(state)[0], 1.0)}
 
     def drawing(self, state: Array) -> dict[str, Any]:
         """Both balls by their great circles, one octant of the rolling one, and where they touch."""

@@ -3,93 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from inspect import Parameter as SignatureParameter
 from inspect import signature
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from nhpocp.arrays import Array, namespace, symbolic
+from nhpocp.bodies.surroundings import Surroundings
 from nhpocp.constructed import add_to_manual
-from nhpocp.declared import real
-from nhpocp.errors import CallError, InvalidProblemError, describe, expect, suggestion
+from nhpocp.errors import CallError, InvalidProblemError, expect, suggestion
 from nhpocp.frozen import Frozen, as_value
+from nhpocp.kept import Kept
 from nhpocp.plain_text import as_call
 from nhpocp.shown import Shown
-from nhpocp.state_space import UNIT_WORDS, Block, StateSpace, Unit, check_distinct
+from nhpocp.state_space import Block, StateSpace, check_distinct, scalar, vector
 from nhpocp.systems.margins import margin
+from nhpocp.systems.parameter import Parameter as Parameter
 
 if TYPE_CHECKING:
+    from nhpocp.bodies.hull import Hull
+    from nhpocp.bodies.obstacles import Obstacle
     from nhpocp.systems.chained_form import ChainedForm
 
 
-@dataclass(frozen=True)
-class Parameter:
-    """A parameter of a system as a user writes it: what kind of value, its default, what it means.
-
-    kind: "number", "positive", "integer", "numbers", "vector" (3,), "flag", "choice", … default: its value where none
-    is given; ... where one has to be. meaning: a few words, without the unit. choices: of a "choice". unit: "length",
-    "angle" [rad], or "" for none. replaces: names of parameters that it stands for. keys: the parameters of each of
-    several mappings, such as legs. Raises nothing; `checked(name, value)` raises `InvalidProblemError` for a value that
-    is none.
-    """
-
-    kind: Literal[
-        "number",
-        "positive",
-        "integer",
-        "numbers",
-        "vector",
-        "length",
-        "flag",
-        "choice",
-        "legs",
-        "jointed legs",
-    ]
-    default: Any  # ... where a value has to be given
-    meaning: str
-    choices: tuple[str, ...] = ()
-    unit: Unit = ""
-    replaces: tuple[str, ...] = ()  # parameters that it stands for: never given beside it
-    keys: Mapping[str, Parameter] | None = None  # of each of several mappings, such as legs
-
-    @property
-    def described(self) -> str:
-        """The meaning with its unit."""
-        return f"{self.meaning} {UNIT_WORDS[self.unit]}".rstrip()
-
-    def checked(self, name: str, value: Any) -> Any:
-        """A value for this parameter as plain data. Errors: `InvalidProblemError` naming what came."""
-        if self.kind == "choice":
-            if value not in self.choices:
-                raise InvalidProblemError(
-                    f"{value!r} is none of {', '.join(self.choices)}", path=f"system.{name}"
-                )
-            return value
-        path = f"system.{name}"
-        if self.kind == "flag":
-            if value not in (True, False):
-                raise InvalidProblemError(f"expected True or False, got {describe(value)}", path=path)
-            return bool(value)
-        if self.kind in ("numbers", "vector"):
-            entries = value.tolist() if hasattr(value, "tolist") else value
-            if not isinstance(entries, list | tuple) or (self.kind == "vector" and len(entries) != 3):
-                wanted = "3 numbers" if self.kind == "vector" else "a list of numbers"
-                raise InvalidProblemError(f"expected {wanted}, got {describe(value)}", path=path)
-            return tuple(real(entry, path) for entry in entries)
-        number = real(value, path)
-        if self.kind == "positive" and not number > 0:
-            raise InvalidProblemError(f"{number:g}; expected a number > 0", path=f"system.{name}")
-        if self.kind != "integer":
-            return number
-        if number != int(number):
-            raise InvalidProblemError(f"{number:g}; expected a whole number", path=f"system.{name}")
-        return int(number)
-
-
+DISTANCE = "distance"  # of a system's bodies, among the quantities of a trajectory
 _COLLECTED = SignatureParameter.VAR_POSITIONAL, SignatureParameter.VAR_KEYWORD
 
 # names that stand for something else in a trajectory, or in the archive that holds its arrays
-RESERVED = ("t", "file", "allow_pickle")
+RESERVED = ("t", "file", "allow_pickle", DISTANCE)
 
 
 def check_names(parts: Sequence[tuple[str, Block]]) -> None:
@@ -135,6 +75,9 @@ class System(Frozen, Shown):
 
     state_space: StateSpace
     input_space: StateSpace
+    surroundings: Surroundings | None = None  # set by `among`
+    rest: tuple[float, ...] | None = None  # set by `resting`
+    rest_blocks: Sequence[Block] = ()  # what `from_rest` gives
 
     def __init_subclass__(cls, **more: Any) -> None:
         super().__init_subclass__(**more)
@@ -196,7 +139,8 @@ class System(Frozen, Shown):
                     "an attribute of that name"
                 )
             values[name] = vars(self)[name]
-        return type(self)(**values)
+        made = type(self)(**values).resting(self.rest)
+        return made.among(self.surroundings.obstacles) if self.surroundings is not None else made
 
     def __repr__(self) -> str:
         values = self.parameters().items()
@@ -260,7 +204,8 @@ class System(Frozen, Shown):
     def comparable(self) -> tuple[Any, ...]:
         """What equals that of another system with the same equations: the class, its parameters and spaces."""
         parameters = sorted(self.parameters().items())
-        return type(self), as_value(parameters), self.state_space, self.input_space
+        obstacles = self.surroundings and self.surroundings.obstacles
+        return type(self), as_value(parameters), self.state_space, self.input_space, obstacles, self.rest
 
     @property
     def pose_outputs(self) -> tuple[Block, ...]:
@@ -277,6 +222,84 @@ class System(Frozen, Shown):
     def output(self, name: str, state: Array, control: Array) -> Array:
         """One of `outputs`; override it where there is a shorter way than making them all."""
         return self.outputs(state, control)[name]
+
+    def bodies(self, state: Array) -> dict[str, Hull]:
+        """What takes up room, by name, as convex hulls with round rims; none unless overridden.
+
+        In space throughout, or in the plane. Bodies that meet by construction name each other in `Hull.touches`.
+        """
+        return {}
+
+    @property
+    def has_bodies(self) -> bool:
+        """Whether any of it takes up room."""
+        return type(self).bodies is not System.bodies
+
+    def among(self, obstacles: Sequence[Obstacle] | None) -> Self:
+        """This system with `distance` among its quantities: of its bodies from obstacles and from each other.
+
+        None takes it away again.
+        """
+        around = None if obstacles is None else Surroundings.of(self._bodies_somewhere(), obstacles)
+        return self._known_besides(surroundings=around)
+
+    def resting(self, state: Array | None) -> Self:
+        """This system with what it counts from a pose at rest, packed, among its quantities; None: without."""
+        return self._known_besides(rest=None if state is None else tuple(float(number) for number in state))
+
+    def _known_besides(self, **besides: Any) -> Self:
+        kept = {name: value for name, value in self.__dict__.items() if not isinstance(value, Kept)}
+        other = object.__new__(type(self))
+        other.__dict__.update(kept, **besides)
+        return other
+
+    def from_rest(self, state: Array, rest: Array) -> dict[str, Array]:
+        """Quantities that count from the pose at rest; none unless overridden, with `rest_blocks`."""
+        return {}
+
+    @property
+    def dimension_of_bodies(self) -> int:
+        """2 in the plane, 3 in space."""
+        return next(iter(self._bodies_somewhere().values())).dimension
+
+    def _bodies_somewhere(self) -> dict[str, Hull]:
+        """The bodies at some state, for what no state changes of them."""
+        import numpy as np
+
+        aside = np.linspace(0.1, 0.2, self.state_space.dimension)
+        blocks = self.state_space.blocks
+        somewhere = {b.name: np.eye(3) if b.kind == "rotation" else np.zeros(b.shape) for b in blocks}
+        with np.errstate(all="ignore"):
+            return self.bodies(self.state_space.retract(np.asarray(self.state_space.pack(somewhere)), aside))
+
+    def quantities(self, state: Array, control: Array) -> dict[str, Array]:
+        """`outputs`, and among obstacles the distances of its bodies."""
+        own = self.outputs(state, control)
+        if self.rest is not None:
+            own = {**own, **self.from_rest(state, namespace().array(self.rest))}
+        if self.surroundings is not None:
+            own = {**own, DISTANCE: self.surroundings.distances(self.bodies(state))}
+        return own
+
+    def quantity(self, name: str, state: Array, control: Array) -> Array:
+        """One of `quantities`."""
+        if self.surroundings is not None and name == DISTANCE:
+            return self.surroundings.distances(self.bodies(state))
+        if self.rest is not None and name in (block.name for block in self.rest_blocks):
+            return self.from_rest(state, namespace().array(self.rest))[name]
+        return self.output(name, state, control)
+
+    @property
+    def quantity_blocks(self) -> tuple[Block, ...]:
+        """Blocks of `quantities`, as far as they are known without making expressions."""
+        own = (*(self.output_blocks or ()), *(self.rest_blocks if self.rest is not None else ()))
+        if self.surroundings is None:
+            return own
+        names = tuple(", ".join(pair) for pair in self.surroundings.pairs)
+        kind = {"symbol": "d", "words": "distance", "entries": names}
+        if len(names) == 1:
+            return (*own, scalar(DISTANCE, "length", **kind))
+        return (*own, vector(DISTANCE, len(names), "length", **kind))
 
     def regularity(self, state: Array) -> dict[str, Array]:
         """Square matrices by name whose singularity breaks the model or the machine, in the system's own units."""

@@ -7,13 +7,15 @@ from math import cos, hypot, pi, sin
 from typing import Any, ClassVar
 
 from nhpocp.arrays import Array, dot, namespace, solve_3x3, symbolic
+from nhpocp.bodies.hull import TINY
 from nhpocp.errors import InvalidProblemError
 from nhpocp.state_space import StateSpace, matrix, vector
 from nhpocp.systems.joints import Vector3
 from nhpocp.systems.legs import Leg, several
-from nhpocp.systems.parallel_robot import ParallelRobot, leg_data
+from nhpocp.systems.parallel_robot import SIZES, ParallelRobot, leg_data
 from nhpocp.systems.system import Parameter
 
+CONES = "joint_cones"  # among the quantities that count from the pose at rest
 LEG = {  # of a file, the fields of `Leg` that these legs may have
     "base": Parameter("vector", ..., "centre of the sphere, base coordinates"),
     "platform": Parameter("vector", ..., "centre of the universal joint, platform coordinates"),
@@ -69,6 +71,7 @@ class ThreeUPU(ParallelRobot):
             "feedback: eq. (7), control v; original: eq. (3), control u",
             ("feedback", "original"),
         ),
+        **SIZES,
     }
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {
         "default": {},
@@ -97,7 +100,10 @@ class ThreeUPU(ParallelRobot):
         joint: str = "veselova",
         legs: Sequence[Leg | Mapping[str, Any]] | None = None,
         form: str = "feedback",
+        leg_radius: float | None = None,
+        thickness: float | None = None,
     ) -> None:
+        self._set_sizes(leg_radius, thickness)
         shape = {
             "base_radius": base_radius,
             "platform_radius": platform_radius,
@@ -121,11 +127,12 @@ class ThreeUPU(ParallelRobot):
         lengths, normal = self.output_blocks
         angles = matrix("joint_angles", 3, 4, "angle", symbol=r"\theta", words="joint angle", wraps=True)
         self.output_blocks = (other, lengths, angles, normal)
+        self.rest_blocks = (vector(CONES, 3, "angle", symbol="c", words="cone angle"),)
 
     def parameters(self) -> dict[str, Any]:
         if self._explicit:
-            return {"legs": [leg_data(leg, LEG) for leg in self.legs], "form": self.form}
-        return {**self._shape, "form": self.form}
+            return {"legs": [leg_data(leg, LEG) for leg in self.legs], "form": self.form, **self._sizes()}
+        return {**self._shape, "form": self.form, **self._sizes()}
 
     @property
     def shape(self) -> tuple[str, ...]:
@@ -192,6 +199,16 @@ class ThreeUPU(ParallelRobot):
             poses = self.leg_poses(state)
             return xp.rows([pose.joint_angles(r) for pose, r in zip(poses, references, strict=True)])
         return super().output(name, state, control)
+
+    def from_rest(self, state: Array, rest: Array) -> dict[str, Array]:
+        """The angle of each leg from its direction at rest, by the half-angle formula [rad]."""
+        xp, angles = namespace(state), []
+        for now, then in zip(self.leg_poses(state), self.leg_poses(rest), strict=True):
+            g = xp.array(then.g)
+            apart, sum_of_both = now.g - g, now.g + g
+            sine, cosine = (xp.sqrt(xp.maximum(dot(v, v), TINY)) for v in (apart, sum_of_both))
+            angles.append(2.0 * xp.atan2(sine, cosine))
+        return {CONES: xp.vector(angles)}
 
     def regularity(self, state: Array) -> dict[str, Array]:
         blocks = self.kinematics(state)

@@ -7,6 +7,7 @@ from math import pi
 from typing import Any, ClassVar
 
 from nhpocp.arrays import Array, dot, namespace
+from nhpocp.bodies import hull
 from nhpocp.state_space import StateSpace, scalar, vector
 from nhpocp.systems.planar import across, along, link, wheel
 from nhpocp.systems.system import Parameter, System
@@ -85,6 +86,13 @@ class TridentSnake(System):
 
     def default_length_scale(self) -> float:
         return self.radius
+
+    def bodies(self, state: Array) -> dict[str, hull.Hull]:
+        here, bodies = state[:2], {"plate": hull.ball(state[:2], self.radius)}
+        for i, (place, beta) in enumerate(self._joints(state), start=1):
+            bar = hull.capsule(here + place, here + place + self.link * along(beta), 0.06 * self.link)
+            bodies[f"link {i}"] = bar.touching("plate")
+        return bodies
 
     def drawing(self, state: Array) -> dict[str, Any]:
         """The plate, and three links with the wheels at their ends."""

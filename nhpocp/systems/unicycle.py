@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from nhpocp.arrays import Array, namespace
 from nhpocp.state_space import StateSpace, scalar
-from nhpocp.systems.planar import NOSE, outline, wheel
+from nhpocp.systems.planar import NOSE, footprint, outline, wheel
 from nhpocp.systems.system import System
 
 if TYPE_CHECKING:
+    from nhpocp.bodies.hull import Hull
     from nhpocp.systems.chained_form import ChainedForm
 
 LENGTH = 0.2  # of the drawn body
@@ -56,6 +57,9 @@ class Unicycle(System):
             return xp.vector([along * c + last * s, along * s - last * c, first])
 
         return ChainedForm(self, 1, lambda x: x[2], last, assemble)
+
+    def bodies(self, state: Array) -> dict[str, Hull]:
+        return {"body": footprint(state[:2], state[2], NOSE, LENGTH)}
 
     def drawing(self, state: Array) -> dict[str, Any]:
         """The body with its nose ahead, from above, and the wheel."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from nhpocp.arrays import Array
@@ -122,6 +123,20 @@ def outputs_are_those_declared(problem: PlanningProblem) -> None:
     for block in system.pose_outputs:
         alone = system.output(block.name, state, still)
         agree(f"{block.name}, an output of the pose alone, without control", alone, outputs[block.name], 0.0)
+
+
+def bodies_are_the_same_for_numbers_and_symbols(problem: PlanningProblem) -> None:
+    system, state = problem.system, random_state(problem, 4)
+    x, bodies = ca.SX.sym("x", system.state_space.size), system.bodies(state)
+    symbols = system.bodies(x)
+    holds(list(symbols) == list(bodies), f"bodies(…) gives {[*bodies]} for numbers, {[*symbols]} for symbols")
+    dimensions = {len(np.ravel(corner)) for body in bodies.values() for corner in body.corners}
+    holds(dimensions <= {2} or dimensions <= {3}, f"bodies(…) has corners of {sorted(dimensions)} numbers")
+    for name, body in bodies.items():
+        made = ca.vertcat(*[ca.SX(corner) for corner in symbols[name].corners])
+        places = ca.Function("corners", [x], [made])(state).full().ravel()
+        agree(f"the corners of {name!r} for symbols", places, np.ravel(body.corners), 1e-12)
+        holds(name not in body.touches, f"{name!r} touches itself")
 
 
 def drawings_are_plain_arrays_of_one_dimension(problem: PlanningProblem) -> None:
@@ -304,6 +319,7 @@ LAWS: tuple[Law, ...] = (
     parameters_make_the_same_system,
     outputs_are_those_declared,
     drawings_are_plain_arrays_of_one_dimension,
+    bodies_are_the_same_for_numbers_and_symbols,
     numbers_and_symbols_move_alike,
     linearised_is_the_derivative,
     motions_keep_the_constraints,

@@ -10,14 +10,15 @@ from typing import Any
 import numpy as np
 
 from nhpocp.arrays import Array
-from nhpocp.constraints.bound import BoundReport, check_bounds
+from nhpocp.constraints.bound import RELATIVE, Bound, BoundReport, check_bounds
 from nhpocp.solution import Crossing, Replay, Solution, Verdict
 from nhpocp.state_space import Block
 from nhpocp.systems.margins import sigma
 from nhpocp.systems.numeric import NumericSystem
-from nhpocp.systems.system import System
+from nhpocp.systems.system import DISTANCE, System
 from nhpocp.verification import geometry
 from nhpocp.verification.crossings import find_crossings
+from nhpocp.verification.distances import Distances, measured_by
 from nhpocp.verification.replay import (
     METHOD,
     Path,
@@ -80,7 +81,8 @@ class Check:
     @property
     def method(self) -> str:
         legs = "; legs by five-point differences of their frames" if geometry.has_legs(self.system) else ""
-        return f"{METHOD}{legs}"
+        distances = f"; {measured_by()}" if self._apart else ""
+        return f"{METHOD}{legs}{distances}"
 
     @cached_property
     def trajectory(self) -> dict[str, Array]:
@@ -311,11 +313,34 @@ class Check:
                 self.warnings.append(f"det {letter} {does} at {where}")
         return self.crossings
 
+    @cached_property
+    def _apart(self) -> list[Bound]:
+        """The bounds on distances."""
+        return [bound for bound in self.problem.bounds if bound.quantity == DISTANCE]
+
+    def _measured(self, bound: Bound) -> BoundReport:
+        """A bound on distances, by another measurement, between the samples too."""
+        distances, times = Distances(self.system), np.unique(self.samples.times)
+        shape = (len(self.system.surroundings.pairs),)
+        lower, size = (
+            np.broadcast_to(np.asarray(side, dtype=float), shape) for side in (bound.lower, bound.sizes[0])
+        )
+        times, values, bounded = distances.along(self.path, times, lower - 2 * RELATIVE * size)
+        if not bounded:
+            self.warnings.append(
+                f"{bound.label} was looked at on samples only: between them it changes too fast"
+            )
+        batch = {DISTANCE: values[:, 0] if shape == (1,) else values}
+        return check_bounds([bound], times, batch, RELATIVE)[0]
+
     def bounds(self) -> list[BoundReport]:
         """Every stated constraint on the fine grid."""
         if not self.problem.bounds:
             return []
-        reports = check_bounds(self.problem.bounds, self.samples.times, self.trajectory)
+        others = [bound for bound in self.problem.bounds if bound not in self._apart]
+        found = dict(zip(others, check_bounds(others, self.samples.times, self.trajectory), strict=True))
+        found |= {bound: self._measured(bound) for bound in self._apart}
+        reports = [found[bound] for bound in self.problem.bounds]
         self.reasons.extend(
             f"{report.describe()} by {report.bound.figure(report.worst, '.3g')}, more than the "
             f"{report.bound.figure(report.allowed, '.3g')} allowed"

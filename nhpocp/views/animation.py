@@ -85,16 +85,24 @@ def render(entries: Sequence[Entry], samples: int | None = None) -> str:
     runs = [run(entry.solution, name, most) for entry, name in zip(entries, names, strict=True)]
     horizon = max(path_of(entry.solution).times[-1] for entry in entries)
     unit = entries[0].solution.problem.units.time or ""
-    data = {"horizon": float(horizon), "time_unit": unit, "runs": runs}
     _one_box(entries, runs)
     times = sorted({crossing["t"] for run in runs for crossing in run["crossings"]})
+    ticks = [t / horizon for t in times]
+    return page(f"Motion: {', '.join(problems)}", _lead(runs, times), runs, (horizon, unit), ticks)
+
+
+def page(
+    title: str, lead: str, runs: Sequence[Any], clock: tuple[float, str], ticks: Sequence[float] = ()
+) -> str:
+    """The page of runs, `run`; clock: how long it runs, and the unit of that; ticks: shares of it to be marked."""
+    data = {"horizon": float(clock[0]), "time_unit": clock[1], "runs": runs}
     text = json.dumps(data, allow_nan=False, ensure_ascii=False, separators=(",", ":"))
     return filled(
         TEMPLATE,
-        title=f"Motion: {', '.join(problems)}",
-        lead=_lead(runs, times),
+        title=title,
+        lead=lead,
         data=data,
-        ticks=[f"{t / horizon:.4f}" for t in times],
+        ticks=[f"{tick:.4f}" for tick in ticks],
         marker=MARKER,
         text=Markup(text.replace("<", "\\u003c")),  # no end of the script inside it
     )
@@ -119,7 +127,7 @@ def run(solution: Solution, title: str, most: int) -> dict[str, Any]:
         "words": _words(solution),
         "alarms": alarms,
         "description": f"The moving {system} of {title}, from start to goal; the curves give its numbers over time",
-        "legend": _legend(solution),
+        "legend": legend(solution),
         "has_more": any(panel["more"] for panel in curves),
         "panels": curves,
         **shown,
@@ -138,7 +146,7 @@ def _words(solution: Solution) -> Markup:
     )
 
 
-def _legend(solution: Solution) -> list[tuple[str, str]]:
+def legend(solution: Solution) -> list[tuple[str, str]]:
     """Words (HTML) and colours of the legs and of the kinds of lines that the scene shows."""
     shown = drawn(solution.problem.system, solution.problem.start_point)
     gone = {name for solid in shown.get("solids", {}).values() for name in solid.get("replaces", ())}

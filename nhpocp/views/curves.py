@@ -15,14 +15,15 @@ MOST_CURVES = 6  # in one panel
 
 
 def as_data(every: list[Panel], most: int) -> list[dict[str, Any]]:
-    """Controls, legs, error against the goal, margins, in this order; ``more`` marks what can wait.
+    """Controls, legs, error against the goal, distances, margins, in this order; ``more`` marks what can wait.
 
     Leg lengths stand for all the outputs of a system that has legs, else its outputs, or the numbers of its state.
     ``most``: points of a curve at most.
     """
     legs, outputs = of_group(every, "leg"), of_group(every, "output")
     first = legs[:1] or outputs or of_group(every, "state")
-    shown = [*of_group(every, "control"), *first, *of_group(every, "error"), *of_group(every, "margin")]
+    shown = [*of_group(every, "control"), *first, *of_group(every, "error")]
+    shown += [*of_group(every, "distance"), *of_group(every, "margin")]
     rest = [panel for panel in [*legs[1:], *outputs] if panel not in first]
     return [_panel(panel, most, more=panel in rest) for panel in [*shown, *rest]]
 

@@ -19,9 +19,9 @@ from nhpocp.arrays import Array
 from nhpocp.outcome import Outcome
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Solution
-from nhpocp.systems.system import System
+from nhpocp.systems.system import DISTANCE, System
 from nhpocp.units import Units
-from nhpocp.views import drawing, plots
+from nhpocp.views import drawing, obstacles, plots
 from nhpocp.views import failure as failures
 from nhpocp.views.drawing import Pose
 from nhpocp.views.finite_path import path_of, quantity
@@ -79,6 +79,18 @@ def margins(solution: Solution, room: Room = OWN_SIZE) -> Figure:
     return _over_time(solution, shown, room, crossing_words(solution))
 
 
+@styled
+def distances(solution: Solution, room: Room = OWN_SIZE) -> Figure:
+    """How far the bodies are from obstacles and from each other: the pairs that come nearest."""
+    shown = of_group(panels(solution), "distance")
+    if not shown:
+        return _only_words("This problem names no obstacle, and bounds no distance.", room)
+    figure = _over_time(solution, shown, room)
+    (axes,) = figure.axes
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.22), ncols=1)  # their names are long
+    return figure
+
+
 def _over_time(solution: Solution, shown: Sequence[Panel], room: Room, words: Iterable[str] = ()) -> Figure:
     if not shown:
         return _only_words("This system has neither inputs nor numbers that change over time.", room)
@@ -129,7 +141,7 @@ def mechanism(
 ) -> Figure:
     """Poses of a mechanism side by side, with the dashed goal and the path (samples, 3 or 2) where there are any."""
     shown = [pose.drawing for pose in poses] + ([goal.drawing] if goal else [])
-    low, high = drawing.extent(*shown, points=points)
+    low, high = obstacles.widened(system, *drawing.extent(*shown, points=points))
     names = drawing.axis_names(system, len(low), units)
     figure, boxes = _views(len(poses), room)
     for pose, (left, bottom, width, height) in zip(poses, boxes, strict=True):
@@ -137,6 +149,7 @@ def mechanism(
         box = (left, bottom, 0.96 * width, 0.93 * height)
         zoom = _zoom(box[2] * figure.get_figwidth())
         axes = drawing.add_view(figure, box, low, high, names, zoom, not system.plotted)
+        obstacles.plot_obstacles(axes, system, low, high)
         if goal:
             drawing.plot_robot(axes, goal.drawing, ghost=True)
         drawing.plot_robot(axes, pose.drawing)
@@ -213,6 +226,7 @@ FIGURES: dict[str, Callable[..., Figure]] = {
     "relative_pose": relative_pose,
     "convergence": convergence,
     "margins": margins,
+    "distances": distances,
     "robot": robot,
     "failure": failure,
 }
@@ -223,6 +237,8 @@ def names_of(solution: Solution) -> list[str]:
     silent = {"failure"} if solution.outcome is Outcome.CONVERGED else set()
     if not margins_of(solution, "sigma"):
         silent.add("margins")
+    if DISTANCE not in solution.trajectory:
+        silent.add("distances")
     return [name for name in FIGURES if name not in silent]
 
 

@@ -17,7 +17,7 @@ from PIL import Image
 from nhpocp.arrays import Array
 from nhpocp.comparison import Entry
 from nhpocp.errors import InvalidProblemError, MissingDependencyError
-from nhpocp.views import drawing, report_words
+from nhpocp.views import drawing, obstacles, report_words
 from nhpocp.views.animation import MARKER, check_motions, same_system
 from nhpocp.views.finite_path import path_of
 from nhpocp.views.panels import crossing_times
@@ -73,7 +73,8 @@ class _Shot:
         states, points = drawing.states_of(solution, path), drawing.path_points(solution, path)
         ends = list(ends_of(solution).values())
         some = [drawn(system, state) for state in (*states[::5], states[-1])]
-        return cls(entry, path.times, states, points, ends, drawing.extent(*some, *ends, points=points))
+        corners = obstacles.widened(system, *drawing.extent(*some, *ends, points=points))
+        return cls(entry, path.times, states, points, ends, corners)
 
 
 def _frames(entries: Sequence[Entry], dots: int, progress: Any) -> Iterator[Image.Image]:
@@ -105,6 +106,7 @@ def _scene(figure: Any, box: tuple[float, float, float, float], shot: _Shot, clo
     k = int(np.argmin(np.abs(shot.times - clock)))
     names = drawing.axis_names(system, len(shot.corners[0]), shot.entry.solution.problem.units)
     axes = drawing.add_view(figure, box, *shot.corners, names, 0.95, not system.plotted)
+    obstacles.plot_obstacles(axes, system, *shot.corners)
     for end in shot.ends:
         drawing.plot_robot(axes, end, ghost=True)
     drawing.plot_robot(axes, drawn(system, shot.states[k]))

@@ -42,7 +42,7 @@ class Notation(NamedTuple):
 def notation(system: System, name: str, *place: int, units: Units = UNNAMED) -> Notation:
     """Words, symbol and unit of an entry of a system's trajectories; ``place`` picks a component;
     inputs are rates of what their unit says."""
-    blocks = {block.name: block for block in (*system.state_space.blocks, *(system.output_blocks or ()))}
+    blocks = {block.name: block for block in (*system.state_space.blocks, *system.quantity_blocks)}
     inputs = {block.name: block for block in system.input_space.blocks}
     if margin(name):
         return Notation("least singular value", symbol(name), "–")

@@ -14,8 +14,9 @@ from matplotlib.lines import Line2D
 
 from nhpocp.comparison import Entry
 from nhpocp.solution import Solution
-from nhpocp.views import drawing, plots
-from nhpocp.views.finite_path import FinitePath, path_of
+from nhpocp.systems.system import DISTANCE
+from nhpocp.views import drawing, obstacles, plots
+from nhpocp.views.finite_path import FinitePath, path_of, quantity
 from nhpocp.views.labels import axis_label
 from nhpocp.views.panels import Panel, merged, of_group, panels
 from nhpocp.views.records import column, decays, error_history, positive
@@ -72,6 +73,7 @@ def overlays(
         "legs": lambda: over_time("legs", "Legs", LEGS, "leg", 0),
         "relative_pose": lambda: over_time("relative_pose", "Relative pose", relative, "error"),
         "path": lambda: _path(motions) or _plain_path(motions),
+        "distances": lambda: _distances(motions),
         "margins": lambda: over_time("margins", "Singularity margins", MARGINS, "margin", 2),
         "convergence": lambda: _convergence(motions),
     }
@@ -92,6 +94,9 @@ ROTATIONS = Markup(
 MARGINS = Markup(
     "Least singular values along the path, rotation columns divided by the length scale: zero is a singularity. "
     "Red lines mark changes of sign of the determinant."
+)
+DISTANCES = Markup(
+    "The least distance of any body from an obstacle, or from a body that it does not touch by construction."
 )
 CONVERGENCE = Markup(
     "Convergence by iteration; an iteration of one method is not the work of one of the other. Jacobian method: "
@@ -162,9 +167,12 @@ def _path(motions: Sequence[_Motion]) -> Overlay | None:
             paths, every, names = [points[:, :2] for points in paths], every[:, :2], names[:2]  # from above
         boxes = [shown.drawing, *([goal.drawing] if goal else [])] if shown else []
         corners = drawing.extent(*boxes, points=every)
+        if shown:
+            corners = obstacles.widened(system, *corners)
         place = ((i + 0.03) / count, 0.05, 0.9 / count, 0.8)
         axes = drawing.add_view(figure, place, *corners, names, 1.0 if shown else 0.85, not system.plotted)
         if shown:
+            obstacles.plot_obstacles(axes, system, *corners)
             if goal:
                 drawing.plot_robot(axes, goal.drawing, ghost=True)
             _mechanism(axes, shown.drawing)
@@ -207,6 +215,25 @@ def _mechanism(axes: Any, shown: Any) -> None:
         points = np.asarray(line, dtype=float)
         if np.isfinite(points).all():
             axes.plot(*points.T, color="0.55", linewidth=0.9, zorder=5)
+
+
+def _distances(motions: Sequence[_Motion]) -> Overlay | None:
+    """The nearest of all pairs of bodies, of every run."""
+    near = [motion for motion in motions if DISTANCE in motion.solution.trajectory]
+    if not near:
+        return None
+    figure, (axes,) = axes_grid(1, 1, (WIDTH / 2, HEIGHT), 0.3)
+    for motion in near:
+        values = quantity(motion.solution, DISTANCE, motion.path).reshape(motion.path.samples, -1)
+        axes.plot(motion.path.times, values.min(axis=1), label=motion.name, **motion.look)
+    plots.zero_line(axes)
+    bounds = [bound for bound in near[0].solution.problem.bounds if bound.quantity == DISTANCE]
+    plots.draw_limits(axes, {float(np.min(bound.lower)) for bound in bounds})
+    last, first = max(motion.path.horizon for motion in near), near[0]
+    plots.time_axis(axes, last, last, first.path.time_unit)
+    axes.set_ylabel(axis_label("least distance", "$d$", first.solution.problem.units.words("length")))
+    _legend(figure, near)
+    return Overlay("distances", "Distances", DISTANCES, figure, "t")
 
 
 def _convergence(motions: Sequence[_Motion]) -> Overlay | None:

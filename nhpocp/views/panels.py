@@ -16,11 +16,12 @@ from nhpocp.relative import blocks_with_goal, relative_to
 from nhpocp.solution import Solution
 from nhpocp.state_space import Block
 from nhpocp.systems.margins import Margin, margin
-from nhpocp.systems.system import System
+from nhpocp.systems.system import DISTANCE, System
 from nhpocp.views.finite_path import FinitePath, path_of, quantity
 from nhpocp.views.labels import LEGS, axis_label, notation, symbol
 
 SPREAD = 30.0  # of the least value to the largest, from which an axis is logarithmic
+NEAREST = 5  # distances that are shown
 HALF_TURN = "half turn: no unique axis"
 
 
@@ -117,6 +118,7 @@ def panels(solution: Solution) -> list[Panel]:
         *_states(solution, path),
         *_errors(solution, path),
         *_margins(solution, path),
+        *_distances(solution, path),
     ]
     return [panel for panel in every if panel.curves]
 
@@ -196,7 +198,7 @@ def _outputs(solution: Solution, path: FinitePath) -> list[Panel]:
     known = {"t", *system.state_space.names, *system.input_space.names}
     wrapping = {block.name for block in system.output_blocks or () if block.wraps}
     for name in solution.trajectory:
-        if name in known or margin(name):
+        if name in known or margin(name) or name == DISTANCE:
             continue
         values = quantity(solution, name, path)
         if name in wrapping:  # no line where an angle is cut
@@ -303,6 +305,22 @@ def _broken(rotation_vectors: Array) -> Array:
 def _branch_changes(rotation_vectors: Array) -> Array:
     """Which steps between samples go from one branch of the logarithm to the other."""
     return np.nan_to_num(np.linalg.norm(np.diff(rotation_vectors, axis=0), axis=1)) > np.pi
+
+
+# --- distances -------------------------------------------------------------------------------------------------------
+
+
+def _distances(solution: Solution, path: FinitePath) -> list[Panel]:
+    """The distances of the pairs of bodies that come nearest, the nearest first."""
+    if DISTANCE not in solution.trajectory or not path.samples:
+        return []
+    values = quantity(solution, DISTANCE, path)
+    pairs = next(block.entries for block in solution.problem.system.quantity_blocks if block.name == DISTANCE)
+    curves = _curves(solution, [DISTANCE], path.times, values)
+    named = [replace(curve, symbol=pair) for curve, pair in zip(curves, pairs, strict=True)]
+    least = np.nan_to_num([np.nanmin(curve.values, initial=np.inf) for curve in named], posinf=1e300)
+    nearest = tuple(named[k] for k in np.argsort(least, kind="stable")[:NEAREST])
+    return [Panel("distance", "distances", "distance", "$d$", nearest)]
 
 
 # --- singularities ----------------------------------------------------------------------------------------------------

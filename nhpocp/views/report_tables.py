@@ -67,6 +67,13 @@ def _measures(group: Group) -> dict[str, list[tuple[Any, str, Callable[[Any], Ma
             ("greatest leg length", "leg_length_max", four),
             (Markup("peak leg speed |u<sub>i</sub>|"), "peak_leg_speed", four),
         ],
+        "On a machine in a physics engine": [
+            ("the plan's end", "physics_outcome", lambda value: Markup.escape(value or words.MISSING)),
+            (f"off it by [{problem.units.words('length')}]", "physics_position_error", three),
+            ("off it by [rad]", "physics_angle_error", three),
+            (f"slip at the contacts [{problem.units.words('length')}]", "physics_slip", three),
+            ("played over [s]", "physics_duration", three),
+        ],
         "Work": [
             ("iterations", "iterations", four),
             ("evaluations of the dynamics", "evaluations", four),

@@ -236,6 +236,7 @@ def task(problem: PlanningProblem, beginnings: Markup | None = None) -> list[tup
         ("Horizon T", span if horizon.free else given(horizon.fixed)),
         ("Control to begin with", beginnings or _initial(problem)),
         ("Objective", Markup("{}, {}").format(problem.objective.replace("_", " "), cost_symbol(problem))),
+        *((("Obstacles", _obstacles(problem)),) if problem.obstacles else ()),
         ("Constraints on the path", _bounds(problem)),
     ]
 
@@ -305,6 +306,19 @@ def _initial(problem: PlanningProblem) -> Markup:
         for name, row in zip(problem.system.input_space.labels, problem.initial, strict=True)
     ]
     return Markup("{} ({}); ").format(words, ", ".join(basis.labels)) + Markup("; ").join(rows)
+
+
+def _obstacles(problem: PlanningProblem) -> Markup:
+    """Each with its numbers; of many corners how many they are."""
+    parts = []
+    for obstacle in problem.obstacles:
+        entries = [
+            Markup("{} {}").format(name, _vector(value) if np.size(value) <= 4 else f"of {len(value)} points")
+            for name, value in obstacle.entries.items()
+            if not isinstance(value, str)
+        ]
+        parts.append(Markup("{}: {}").format(obstacle.name, Markup(", ").join(entries)))
+    return Markup("; ").join(parts)
 
 
 def _bounds(problem: PlanningProblem) -> Markup:

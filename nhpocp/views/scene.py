@@ -13,7 +13,7 @@ import numpy as np
 from nhpocp.arrays import Array
 from nhpocp.solution import Solution
 from nhpocp.systems.system import System
-from nhpocp.views import drawing
+from nhpocp.views import drawing, obstacles
 from nhpocp.views.drawing import (
     DARK,
     FILLS,
@@ -29,6 +29,7 @@ from nhpocp.views.labels import plain_words, symbol
 from nhpocp.views.panels import crossing_times
 
 PLAIN = "#e8ebef"  # of balls
+PLANNED = "#d1495b"  # of what a machine was to do
 TUBE = 0.62  # of the least length of a bar that extends
 FEW = 8  # points of a line that are kept in full precision: ends of legs, corners of bodies
 DIGITS = 6  # of curves in space, relative to the size of the scene
@@ -65,18 +66,34 @@ def scene(solution: Solution, most: int) -> dict[str, Any]:
     """
     system, chosen = solution.problem.system, thinned(path_of(solution).samples, most)
     times, states = path_of(solution).times[chosen], drawing.states_of(solution, path_of(solution))[chosen]
+    points = drawing.path_points(solution, path_of(solution))
     frames = [drawn(system, state) for state in states]
-    parts = _parts(frames)
-    trace = np.array([frame["trace"] for frame in frames], dtype=float) if "trace" in frames[0] else None
-    if trace is None:
-        points = drawing.path_points(solution, path_of(solution))
-        trace = points[chosen] if len(points) else None
+    return composed(solution, times, frames, trace=points[chosen] if len(points) else None)
+
+
+def composed(
+    solution: Solution,
+    times: Array,
+    frames: list[Mapping[str, Any]],
+    planned: list[Mapping[str, Any]] | None = None,
+    trace: Array | None = None,
+) -> dict[str, Any]:
+    """`scene` of drawings at times, with those of a plan as faint lines beside them; start and goal are the plan's.
+
+    trace: where the moving body goes, for drawings that do not say.
+    """
+    system, parts = solution.problem.system, _parts(frames)
+    if "trace" in frames[0]:
+        trace = np.array([frame["trace"] for frame in frames], dtype=float)
     moving = {name for name in frames[0]["lines"] if len(_along(frames, _line(name))) > 1}
     ends = ends_of(solution)
     ghosts = [{"words": words, "outlines": _outlines(end, moving)} for words, end in ends.items()]
     if trace is not None:
         trace = _held(trace)
-    low, high = _box([*frames, *ends.values()], trace)
+    parts += _faint(planned) if planned else []
+    around = _box([*frames, *(planned or []), *ends.values()], trace)
+    low, high = obstacles.widened(system, *around)
+    parts = [*obstacles.parts(system, low, high), *parts]
     grain = DIGITS - int(np.floor(np.log10(max(float((high - low).max()), 1e-9))))
     for part in parts:
         values, exact = part.pop("values"), part.pop("exact", False)
@@ -154,6 +171,18 @@ def _parts(frames: list[Mapping[str, Any]]) -> list[Part]:
         if name not in replaced:
             values = _along(frames, lambda frame, n=name: frame["points"][n])
             parts.append({"name": name, "kind": "points", "colour": "#ffffff", "values": values})
+    return parts
+
+
+def _faint(frames: list[Mapping[str, Any]]) -> list[Part]:
+    """A plan's outlines of bodies and its open lines that move, thin."""
+    parts = []
+    for name, line in frames[0]["lines"].items():
+        values = _along(frames, _line(name))
+        if len(values) > 1:
+            width = 1.6 if is_closed(np.asarray(line)) else 0.9
+            look = {"name": f"planned {name}", "kind": "line", "colour": PLANNED, "width": width}
+            parts.append({**look, "values": values})
     return parts
 
 

@@ -19,20 +19,21 @@ from nhpocp.views.style import GREY, OWN_SIZE, Room, axes_grid, legend_above, li
 def simulation(played: Simulation, room: Room = OWN_SIZE) -> Figure:
     """How far the machine is from the plan over time: position, angle, leg lengths, and the slip at its rollers."""
     path, units = played.trajectory, played.solution.problem.units
+    driven = played.drive.name
     length = f" [{units.words('length')}]"
     rate = f" [{units.words('length')}/s]"
     panels: list[tuple[str, Array, list[str]]] = [
         (f"distance from the plan{length}", path["position_error"][:, None], []),
         ("angle from the plan [°]", np.degrees(path["angle_error"])[:, None], []),
         (
-            f"leg length less the set-point{length}",
-            path["leg_lengths"] - path["planned_leg_lengths"],
-            [f"leg {number}" for number in played.motors],
+            f"{driven.rstrip('s').replace('_', ' ')} less the set-point{length}",
+            path[driven] - path[f"planned_{driven}"],
+            list(played.drive.labels),
         ),
     ]
     if played.rollers:
-        words = [f"roller {number}" for number in played.rollers]
-        panels.append((f"slip along the axle{rate}", path["slip_rate"], words))
+        words = [f"contact {number}" for number in played.rollers]
+        panels.append((f"slip{rate}", path["slip_rate"], words))
     figure, grid = axes_grid(len(panels), room=room)
     for axes, (words_of_axis, values, names) in zip(grid, panels, strict=True):
         _draw(axes, path["t"], values, names)

@@ -23,6 +23,8 @@ SAME = [
     ("clearance", {"min": 0.05}, 0.05),
     ("control", {"max": 10}, 10),
     ("control", [{"max": 3}, {"min": -2}, [-1, 1]], [[None, 3], [-2, None], [-1, 1]]),
+    ("distance", {"min": 3}, 3),
+    ("joint_angle", {"cone": {"max": 2}}, {"cone": [None, 2]}),
     ("joint_angle", {"theta3": {"max": 2}}, {"theta3": [None, 2]}),
     ("state", {"position": {"max": 50}}, {"position": [None, 50]}),
     ("state", {"position": {"min": [-9, -9, 5]}}, {"position": [[-9, -9, 5], [None, None, None]]}),

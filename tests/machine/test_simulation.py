@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import shutil
+import signal
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -18,11 +19,14 @@ import nhpocp
 from nhpocp import so3
 from nhpocp.cli.entry import status
 from nhpocp.machine.simulation import Machine, MachineSettings, Simulation, build, play, playing
+from nhpocp.simulation_folder import save_simulation
 from nhpocp.solution import Solution
 from nhpocp.solution_folder import save_solution
 from nhpocp.solution_folder.target import require_replaceable
 from nhpocp.systems.parallel_robot import ParallelRobot
+from nhpocp.views import simulation_figures
 from tests.conftest import paper_problem
+from tests.machine.conftest import PROBLEMS
 from tests.machine.conftest import plan as library_plan
 
 pytest.importorskip("mujoco")
@@ -191,8 +195,59 @@ def test_what_breaks_apart_says_so_and_leaves_no_file(
     monkeypatch.chdir(tmp_path)
     broken = play(plan, MachineSettings(stiffness=1e12), duration=SECONDS)
     assert "broke apart" in broken.failure
+    assert broken.outcome == "broken"
     assert not broken.reached
     assert not list(tmp_path.iterdir())  # MuJoCo would log its warnings here
+
+
+def test_a_stop_by_hand_keeps_what_was_measured(
+    stored: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
+    folder, advance = Path(shutil.copytree(stored, tmp_path / "copy")), Machine.advance
+
+    def pressed(machine: Machine, seconds: float) -> None:
+        advance(machine, seconds)
+        if 0.5 < machine.time < 0.503:
+            signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(Machine, "advance", pressed)
+    assert status(["simulate", str(folder), "--duration", "2", "--json"]) == 1
+    data = json.loads(capsys.readouterr().out)
+    assert (data["outcome"], data["reached"]) == ("interrupted", False)
+    assert "Stopped by hand after 0.5" in data["failure"]
+    with np.load(folder / "simulation" / "simulation.npz") as arrays:
+        assert 0.3 < arrays["t"][-1] < 0.5
+        assert all(np.isfinite(values).all() and len(values) > 50 for values in arrays.values())
+
+
+@pytest.fixture(scope="module")
+def rolled() -> Solution:
+    return nhpocp.solve(nhpocp.load_problem(PROBLEMS / "rolling_sphere.yaml"))
+
+
+def test_a_ball_rolls_on_its_contact_as_the_plan_says(rolled: Solution, tmp_path: Path) -> None:
+    played = play(rolled, duration=SECONDS)
+    position, angle = off(played)
+    assert position < 1e-6
+    assert angle < 0.1
+    goal = rolled.problem.goal["orientation"]
+    assert np.degrees(so3.angle(played.trajectory["orientation"][-1] @ np.asarray(goal).T)) < 0.1
+    folder = save_solution(rolled, tmp_path / "ball")
+    save_simulation(played, folder)
+    header = (folder / "simulation" / "simulation.csv").read_text(encoding="utf-8").splitlines()[0]
+    assert {"centre_x", "planned_centre_y", "motor_force_x", "slip_1", "position_2"} <= set(header.split(","))
+    slippery = play(rolled, MachineSettings(friction=1e-4), duration=SECONDS)
+    assert off(slippery)[1] > 10
+    assert slippery.slip > 100 * played.slip
+    other = play(rolled, MachineSettings(errors="radius=1%"), duration=SECONDS)
+    # the area that is rolled round goes by the square of the radius: 2 % of 90°
+    assert off(other)[1] == pytest.approx(1.6, abs=0.3)
+
+
+def test_what_spins_as_it_likes_is_refused(rolled: Solution) -> None:
+    marble = nhpocp.RollingSphere(contact="marble")
+    with pytest.raises(nhpocp.InvalidProblemError, match="nothing drives its spin"):
+        Machine(marble, rolled.problem.start)
 
 
 def test_nothing_of_the_equations_is_in_the_machine(plan: Solution, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -222,6 +277,7 @@ def test_the_verb_writes_a_folder_that_may_be_replaced(stored: Path, tmp_path: P
     inside = folder / "simulation"
     assert data["folder"] == str(inside)
     names = {"simulation.json", "simulation.csv", "simulation.npz", "simulation.png", "simulation.svg"}
+    names |= {"animation.html"}
     assert {file.name for file in inside.iterdir()} == names
     assert json.loads((inside / "simulation.json").read_text(encoding="utf-8"))["schema_version"] == 1
     with (inside / "simulation.csv").open(newline="", encoding="utf-8") as stream:
@@ -275,11 +331,23 @@ def test_mjcf_needs_a_robot_and_no_engine(
         assert said in capsys.readouterr().err
 
 
-def test_the_verb_says_that_the_machine_missed(stored: Path, tmp_path: Path, capsys: Any) -> None:
+def test_the_verb_says_that_the_machine_missed(
+    stored: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
+    monkeypatch.setattr(simulation_figures, "write_simulation_pictures", lambda *_: None)
     folder = Path(shutil.copytree(stored, tmp_path / "copy"))
     asked = ["--duration", "2", "--error", "roller_tilt=2deg,base_radius=1%", "--gravity", "9.81"]
     assert status(["simulate", str(folder), *asked]) == 1
     assert "missed the plan's end" in capsys.readouterr().out
+    page = (folder / "simulation" / "animation.html").read_text(encoding="utf-8")
+    (run,) = json.loads(page.split('type="application/json">')[1].split("</script>")[0])["runs"]
+    with np.load(folder / "simulation" / "simulation.npz") as arrays:
+        measured, planned = arrays["position"], arrays["planned_position"]
+        assert run["times"][-1] == arrays["t"][-1]
+    values = {part["name"]: np.array(part["values"]) for part in run["parts"] if len(part["values"]) > 1}
+    for name, path in (("platform", measured), ("planned platform", planned)):
+        middle = values[name][-1, :3].mean(axis=0)  # of the three joints
+        assert middle == pytest.approx(path[-1], abs=1e-3)
     data = json.loads((folder / "simulation" / "simulation.json").read_text(encoding="utf-8"))
     assert data["machine"]["errors"] == "roller_tilt=2deg,base_radius=1%"
 
@@ -302,9 +370,38 @@ def test_what_is_none_is_refused(stored: Path, option: str, value: str, words: s
     assert not (stored / "simulation").exists()
 
 
+def test_a_comparison_asks_the_machine(tmp_path: Path, capsys: Any, undrawn: None) -> None:
+    home, alone = tmp_path / "out", ["--only", "--variant", "jacobian:gamma=1"]
+    asked = [
+        str(PROBLEMS / "paper.yaml"),
+        str(PROBLEMS / "unicycle.yaml"),
+        *alone,
+        "--set",
+        "output.pictures=false",
+    ]
+    assert status(["compare", *asked, "--physics", "-o", str(home), "--json"]) == 0
+    robot, cart = json.loads(capsys.readouterr().out)["runs"]
+    assert robot["physics_outcome"] == "reached"
+    assert 0 < robot["physics_position_error"] < 5e-3
+    assert cart["physics_outcome"] is None  # it has no bodies
+    assert "On a machine in a physics engine" in (home / "report.html").read_text(encoding="utf-8")
+    again = tmp_path / "again"
+    assert status(["compare", "--from", str(home), "-o", str(again), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["runs"][0]["physics_slip"] == robot["physics_slip"]
+
+
 def test_without_mujoco_the_line_that_brings_it_is_told(
-    stored: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+    stored: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
 ) -> None:
     monkeypatch.setitem(__import__("sys").modules, "mujoco", None)
-    assert status(["simulate", str(stored)]) == 3
-    assert 'pip install "nhpocp[physics]"' in capsys.readouterr().err
+    paper = str(PROBLEMS / "paper.yaml")
+    asked = (
+        ["simulate", str(stored)],
+        ["compare", paper, "--physics"],
+        ["steer", paper, "--machine", "physics"],
+    )
+    for arguments in asked:
+        assert (
+            status([*arguments, *([] if arguments[0] == "simulate" else ["-o", str(tmp_path / "out")])]) == 3
+        )
+        assert 'pip install "nhpocp[physics]"' in capsys.readouterr().err

@@ -8,6 +8,7 @@ import pytest
 import nhpocp
 from nhpocp.cli.entry import status
 from tests.conftest import paper_problem
+from tests.machine.conftest import PROBLEMS
 from tests.machine.test_steering import CART
 
 ROBOT = nhpocp.dump_problem(paper_problem().with_(pictures=False))
@@ -65,6 +66,43 @@ def test_many_machines(robot, capsys):
     assert float(rows[0]["base_radius"]) == stored["machines"][0]["wrong"]["base_radius"]
 
 
+def test_a_machine_of_bodies_and_contacts(robot, capsys):
+    pytest.importorskip("mujoco")
+    asked = ["--machine", "physics", "--gravity", "9.81", "--error", "roller_tilt=2deg,base_radius=1%"]
+    asked += ["--duration", "1", "--cycles", "4", "--set", "solvers.jacobian.objective=effort", "-o", "out"]
+    ended, out, _ = said(["steer", "robot.yaml", *asked, "--json"], capsys)
+    cycles = json.loads(out)["cycles"]
+    assert ended == 0
+    # measured with another model of this machine: 1.32, 0.099, 5.4e-3, 3.6e-4 units
+    found = [cycle["position_error"] for cycle in cycles[1:]]
+    assert found[0] == pytest.approx(1.32, rel=0.05)
+    assert len(found) == 4
+    assert found[3] < 1e-3
+    plant = json.loads((robot / "out" / "steer.json").read_text(encoding="utf-8"))["plant"]
+    assert (plant["kind"], plant["gravity"]) == ("physics", 9.81)
+
+
+def test_many_machines_of_bodies_and_contacts_corrected_under_way(robot, capsys):
+    pytest.importorskip("mujoco")
+    asked = ["--machine", "physics", "--gravity", "9.81", "--runs", "1", "--noise", "1e-4", "--duration", "1"]
+    asked += ["--rate", "10", "--cycles", "1", "--tolerance", "0.05", "-o", "out", "--json"]
+    ended, out, _ = said(["steer", "robot.yaml", *asked], capsys)
+    table = json.loads(out)["table"]["error"]
+    assert ended == 0
+    assert 10 * table["with"][-1] < table["without"][-1]
+
+
+def test_a_machine_that_breaks_ends_it_and_keeps_what_was_measured(robot, capsys):
+    pytest.importorskip("mujoco")
+    asked = ["--machine", "physics", "--servo", "1e12", "--duration", "1", "-o", "out", "--json"]
+    ended, out, _ = said(["steer", "robot.yaml", *asked], capsys)
+    answer = json.loads(out)
+    assert ended == 1
+    assert answer["outcome"] == "interrupted"
+    assert "broke apart" in answer["message"]
+    assert (robot / "out" / "steer.json").exists()
+
+
 def test_pictures_of_a_cart(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "cart.yaml").write_text(nhpocp.dump_problem(CART), encoding="utf-8")
@@ -81,6 +119,9 @@ def test_pictures_of_a_cart(tmp_path, monkeypatch, capsys):
         (["--tolerance", "0"], "not positive"),
         (["--objective", "beauty"], "none of none, effort"),
         (["--noise", "-1"], "noise"),
+        (["--noise", "-1", "--machine", "physics"], "noise"),
+        (["--gravity", "9.81"], "add --machine physics"),
+        (["--duration", "0"], "duration"),
         (["--set", "horizon={min: 1, max: 2}"], "horizon"),
     ],
 )
@@ -89,6 +130,15 @@ def test_bad_input_is_answered(arguments, words, robot, capsys):
     assert (ended, out) == (2, "")
     assert words in err
     assert "Traceback" not in err
+
+
+def test_what_has_no_bodies_is_refused(robot, capsys):
+    pytest.importorskip("mujoco")
+    (robot / "cart.yaml").write_text(nhpocp.dump_problem(CART), encoding="utf-8")
+    for file, model in (("cart.yaml", "unicycle"), (str(PROBLEMS / "rolling_sphere.yaml"), "rolling_sphere")):
+        ended, _, err = said(["steer", file, "--machine", "physics", "-o", "out"], capsys)
+        assert ended == 2
+        assert f"{model} cannot be built; expected a robot on legs" in err
 
 
 def test_what_others_wrote_is_left_alone(robot, capsys):

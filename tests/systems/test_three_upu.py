@@ -441,7 +441,7 @@ def test_parameters_rebuild_the_robot(robot):
 
 
 def test_declared_parameters_are_the_constructors():
-    assert set(ThreeUPU.declared) == {*ThreeUPU().parameters(), "legs"}
+    assert set(ThreeUPU.declared) == {*ThreeUPU(leg_radius=1, thickness=2).parameters(), "legs"}
     for name, value in ThreeUPU().parameters().items():
         assert ThreeUPU.declared[name].default == value
 

@@ -11,14 +11,13 @@ import numpy as np
 from nhpocp.arrays import Array
 from nhpocp.interruption import Interruption
 from nhpocp.machine.feedback.planning_again import Replanner
-from nhpocp.machine.feedback.simulated_plant import SimulatedPlant
+from nhpocp.machine.feedback.plant import Workshop
 from nhpocp.machine.feedback.steering import Cycle, Ending, Steered, Steering, judged
 from nhpocp.machine.model_errors import ModelErrors
 from nhpocp.outcome import Outcome
 from nhpocp.problem import PlanningProblem
 
 QUANTILES = (0.0, 0.5, 0.9, 1.0)
-STEPS = 400  # of the integration of a run
 
 
 @dataclass(frozen=True)
@@ -40,7 +39,7 @@ class Fleet:
 
     problem: PlanningProblem
     errors: ModelErrors
-    noise: float
+    workshop: Workshop
     seed: int
     tolerance: float
     runs: int
@@ -90,8 +89,8 @@ def steer_fleet(
     errors: ModelErrors,
     runs: int,
     steering: Steering,
+    workshop: Workshop,
     *,
-    noise: float = 0.0,
     seed: int = 0,
     progress: Callable[[int, int], None] | None = None,
 ) -> Fleet:
@@ -99,11 +98,10 @@ def steer_fleet(
 
     Each begins with the plan for the model, which is made once.
 
-    noise: as of `SimulatedPlant`. progress: called with how many are done, and of how many.
+    progress: called with how many are done, and of how many.
     """
     machines: list[Machine] = []
     unverified = replace(steering, verified=False, progress=None)
-    step = (steering.duration or problem.horizon.fixed) / STEPS
     with Interruption() as interruption:
         plan = Replanner.of(problem, steering.tolerance, steering.objective).plan(problem)
         begun = plan if plan.outcome is Outcome.CONVERGED else None
@@ -112,10 +110,9 @@ def steer_fleet(
                 break
             random = np.random.default_rng([seed, number])
             system, gains, wrong = errors.drawn(random)
-            more: dict[str, Any] = {"gains": gains, "seed": [seed, number, 1], "noise": noise, "step": step}
-            plant = SimulatedPlant(system, problem.start, **more)
+            plant = workshop.made(system, gains, [seed, number, 1])
             steered = unverified.run(problem, plant, begun)
-            twin = SimulatedPlant(system, problem.start, **more)
+            twin = workshop.made(system, gains, [seed, number, 1])
             alone = replace(unverified, cycles=1, rate=None).run(problem, twin, begun)
             if Ending.INTERRUPTED in (steered.outcome, alone.outcome) and interruption.noted:
                 break
@@ -123,4 +120,4 @@ def steer_fleet(
             machines.append(Machine(wrong, steered, opened, judged(problem, plant.point)))
             if progress:
                 progress(len(machines), runs)
-    return Fleet(problem, errors, noise, seed, steering.tolerance, runs, tuple(machines))
+    return Fleet(problem, errors, workshop, seed, steering.tolerance, runs, tuple(machines))

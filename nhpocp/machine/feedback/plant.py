@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Protocol, runtime_checkable
 
 from nhpocp.arrays import Array
+from nhpocp.systems.system import System
 
 
 @runtime_checkable
@@ -28,4 +29,26 @@ class Plant(Protocol):
 
     def advance(self, seconds: float) -> None:
         """Lets the machine run for so long [time]; a driver waits."""
+        ...
+
+
+class TrialPlant(Plant, Protocol):
+    """A plant in a computer, which is known without noise too."""
+
+    @property
+    def point(self) -> Array:
+        """The packed state (size,) as it is."""
+        ...
+
+
+class Workshop(Protocol):
+    """Makes machines of one kind in a computer, each where its problem starts."""
+
+    def made(self, system: System, gains: Array | None, seed: int | Sequence[int]) -> TrialPlant:
+        """A machine that has this system's parameters, inputs times ``gains``, and noise of this seed."""
+        ...
+
+    @property
+    def facts(self) -> Mapping[str, Any]:
+        """What its machines have in common, as plain data."""
         ...

@@ -83,6 +83,12 @@ class SetPoints:
         values = np.vstack([-self.values[-2::-1], self.values[-1:]])
         return SetPoints(times, values, positions=False)
 
+    def through(self, gains: Array | None) -> SetPoints:
+        """For a machine that makes so much of its inputs (n,); None: 1."""
+        if gains is None or self.positions:
+            return self
+        return SetPoints(self.times, self.values / gains, positions=False)
+
     def begun_at(self, values: Array | None) -> SetPoints:
         """Moved, so that they begin where the actuators have been told to be; inputs stay as they are."""
         if values is None or not self.positions:

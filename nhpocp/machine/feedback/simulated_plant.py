@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from math import ceil
 from typing import Any
 
@@ -108,6 +109,23 @@ class SimulatedPlant:
         if not np.isfinite(self._point).all():
             raise ArithmeticError("the machine came to a singular pose")
         self._from = self._to
+
+
+@dataclass(frozen=True)
+class KinematicWorkshop:
+    """A `Workshop` of simulated plants; start, noise, step: as of `SimulatedPlant`."""
+
+    start: Mapping[str, Any]
+    noise: float = 0.0
+    step: float = 0.005
+
+    def made(self, system: System, gains: Array | None, seed: int | Sequence[int]) -> SimulatedPlant:
+        values = None if gains is None else gains.tolist()
+        return SimulatedPlant(system, self.start, noise=self.noise, gains=values, seed=seed, step=self.step)
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        return {"kind": "kinematic", "noise": self.noise}
 
 
 @kept(most=16)

@@ -17,9 +17,10 @@ from nhpocp.errors import CallError, InvalidProblemError, OrientationAtPiError, 
 from nhpocp.frozen import replace as changed
 from nhpocp.interruption import STOPPED, Interruption
 from nhpocp.machine.feedback.guarded_plant import GuardedPlant, PlantError
+from nhpocp.machine.feedback.model_estimate import ModelEstimate, WatchedPlant
 from nhpocp.machine.feedback.planning_again import FINER, PlannedRun, Replanner
 from nhpocp.machine.feedback.plant import Plant
-from nhpocp.machine.feedback.set_points import SetPoints
+from nhpocp.machine.feedback.set_points import STEPS, SetPoints
 from nhpocp.machine.feedback.under_way import LAST, corrected
 from nhpocp.objectives.registry import costs_of_motion
 from nhpocp.outcome import Outcome
@@ -115,8 +116,9 @@ class Steering(Constructed):
     tolerance: E [rad] that counts as reached, by measurement. cycles: runs at most. objective: what each plan
     minimises, None: as the problem's own method. duration: of a run [time of the machine], None: the problem's horizon;
     driftless systems only. patience: seconds of the clock after which a method of the plant counts as failed, None: it
-    is waited for. verified: whether each plan is verified before it is run. rate: how often in a unit of the machine's
-    time the rest of the first plan is corrected from a measurement under way, None: never.
+    is waited for. verified: whether each plan is verified before it is run. settling: how long the machine is given to
+    come to rest before it is measured between two runs [its time]. rate: how often in a unit of the machine's time the
+    rest of the first plan is corrected from a measurement under way, None: never.
     Errors: `InvalidProblemError` for numbers that are none.
     """
 
@@ -127,6 +129,7 @@ class Steering(Constructed):
     patience: float | None = None
     verified: bool = True
     rate: float | None = None
+    settling: float = 0.0
     progress: Callable[[Cycle], None] | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
@@ -141,6 +144,9 @@ class Steering(Constructed):
                 raise InvalidProblemError(
                     f"{describe(value)}; expected a number > 0", path=f"Steering.{name}"
                 )
+        if not self.settling >= 0:
+            words = f"{describe(self.settling)}; expected a number >= 0"
+            raise InvalidProblemError(words, path="Steering.settling")
 
     def with_progress(self, progress: Callable[[Cycle], None] | None) -> Steering:
         """This steering, which tells somebody of every cycle that it measures."""
@@ -191,7 +197,7 @@ class _Run:
     def _cycles(self) -> tuple[Ending, str]:
         """Until one of the endings."""
         tolerance = self.steering.tolerance
-        here = self._from_here()
+        here = self._at_rest()
         self._keep(judged(self.problem, here.start_point))
         last = PlannedRun(self.begun, self.cycles[0].error) if self.begun else None
         while True:
@@ -214,7 +220,7 @@ class _Run:
                 )
                 return Ending.PLAN_FAILED, words.rstrip(".")
             run, corrections = self._run(plan)
-            here = self._from_here()
+            here = self._at_rest()
             cycle = replace(
                 judged(self.problem, here.start_point), plan=plan, plan_s=seconds, corrections=corrections
             )
@@ -236,7 +242,7 @@ class _Run:
             return Ending.NO_PROGRESS, words
         try:
             self._follow(run.backwards())
-            cycle = replace(cycle, returned=judged(self.problem, self._from_here().start_point).error)
+            cycle = replace(cycle, returned=judged(self.problem, self._at_rest().start_point).error)
         finally:
             self._keep(cycle)
         return Ending.NO_PROGRESS, f"{words}; taken back along its path to E = {cycle.returned:.3g}"
@@ -246,23 +252,31 @@ class _Run:
         steering, control, corrections = self.steering, plan.control, 0
         duration = steering.duration or control.horizon
         run = SetPoints.of(plan.problem, control, duration).begun_at(self.told)
+        times = self._corrected_at(duration)
+        if not len(times):
+            self._follow(run)
+            return run, 0
+        estimate = ModelEstimate(changed(self.problem, start=plan.problem.start), duration, STEPS)
+        watched = WatchedPlant(self.plant, estimate)
         done: SetPoints | None = None
-        for time in self._corrected_at(duration):
+        for time in times:
             if time <= run.times[0]:  # a command lasts longer than that
                 continue
             part = run.until(time)
-            self._follow(part, goes_on=True)
+            self._follow(part, watched, goes_on=True)
             done = part if done is None else done.followed_by(part)
             since = float(part.times[-1]) * control.horizon / duration
             point = self._from_here().start_point
-            correction = corrected(
-                self.problem, control, since, point, FINER * steering.tolerance, self.replanner.metric
-            )
+            estimate.learn(point)
+            point = estimate.without_lag(point)
+            near = FINER * steering.tolerance
+            correction = corrected(estimate.problem, control, since, point, near, self.replanner.metric)
             if correction is None:
                 run = run.after(part)
                 continue
             control, corrections = correction.control, corrections + 1
-            run = SetPoints.of(self.problem, control, duration, since, point).begun_at(self.told)
+            rest = SetPoints.of(estimate.problem, control, duration, since, point)
+            run = rest.through(estimate.gains).begun_at(self.told)
         self._follow(run)
         return (run if done is None else done.followed_by(run)), corrections
 
@@ -272,8 +286,14 @@ class _Run:
             return np.empty(0)
         return np.arange(1, int(LAST * duration * self.steering.rate * (1 + 1e-9)) + 1) / self.steering.rate
 
-    def _follow(self, run: SetPoints, goes_on: bool = False) -> None:
-        self.told = run.begun_at(self.told).run(self.plant, self.check, goes_on=goes_on)
+    def _follow(self, run: SetPoints, plant: Plant | None = None, *, goes_on: bool = False) -> None:
+        self.told = run.begun_at(self.told).run(plant or self.plant, self.check, goes_on=goes_on)
+
+    def _at_rest(self) -> PlanningProblem:
+        """`_from_here`, once the machine has come to rest."""
+        if self.steering.settling:
+            self.plant.advance(self.steering.settling)
+        return self._from_here()
 
     def _from_here(self) -> PlanningProblem:
         """The problem from where the machine is found to stand; after the first run there is nothing on the way."""

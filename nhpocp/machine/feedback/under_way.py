@@ -2,6 +2,8 @@
 
 In the first run of a steering only. What is left of a short loop hardly moves its end, and corrections of it were
 tried: they make the loops of later runs larger than the error that they are there for, and what the model gets wrong.
+Corrected by the model as it is written, the paper's robot, 2 % or 2° wrong, ends 0.18 from its goal in the median (0.46
+without), for what comes after the last correction is as wrong as before; by a `ModelEstimate`, 0.003.
 """
 
 from __future__ import annotations
@@ -13,6 +15,7 @@ import numpy as np
 from nhpocp.arrays import Array
 from nhpocp.controls.control import Control
 from nhpocp.errors import OrientationAtPiError
+from nhpocp.flow.compiled.kernels import Interpreted
 from nhpocp.flow.dynamics import dynamics
 from nhpocp.flow.integrators import RungeKutta4
 from nhpocp.machine.feedback.set_points import grid_since
@@ -24,7 +27,7 @@ STEPS = 50  # of RK4 over what is left
 UPDATES = 6  # at most
 LAST = 0.8  # of the horizon: what comes then is left to the next plan
 
-LARGEST = 0.5  # of the control's size: the largest change at one time
+LARGEST = 1.0  # of the control's size: the largest change at one time
 LEAST_SIGMA = (
     1e-3  # of the largest singular value: directions in which the rest of a motion hardly moves its end
 )
@@ -51,7 +54,8 @@ def corrected(
     """
     basis, horizon, task = control.basis, control.horizon, problem.tasks[-1]
     times = grid_since(since)(STEPS, control.breakpoints, horizon)
-    flow = RungeKutta4(steps=STEPS).flow(dynamics(problem.system), basis, horizon, times)
+    # no kernel: it would take longer to build than the estimate of a machine lasts
+    flow = RungeKutta4(STEPS, Interpreted()).flow(dynamics(problem.system), basis, horizon, times)
     coordinates = Coordinates.natural(metric, basis, problem.scales.inputs, horizon)
     allowed = LARGEST * float(np.linalg.norm(coordinates.of(np.ravel(control.coefficients))))
     stops = (len(times) - 1,)

@@ -12,16 +12,22 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from nhpocp.machine.simulation.building import build as build
     from nhpocp.machine.simulation.machine import Machine as Machine
+    from nhpocp.machine.simulation.machine import require_engine as require_engine
     from nhpocp.machine.simulation.playing import Simulation as Simulation
     from nhpocp.machine.simulation.playing import play as play
+    from nhpocp.machine.simulation.second_opinion import opinion as opinion
     from nhpocp.machine.simulation.settings import MachineSettings as MachineSettings
+    from nhpocp.machine.simulation.workshop import PhysicsWorkshop as PhysicsWorkshop
 
 _HOMES = {
     "Machine": "machine",
     "MachineSettings": "settings",
+    "PhysicsWorkshop": "workshop",
     "Simulation": "playing",
     "build": "building",
+    "opinion": "second_opinion",
     "play": "playing",
+    "require_engine": "machine",
 }
 __all__ = sorted(_HOMES)
 

@@ -53,7 +53,8 @@ class Roller:
     """A roller of the machine: the names of the two bodies that touch, and where.
 
     The point of contact is fixed in the body ``carrier``, at ``point`` beyond its origin; ``axle`` and ``normal``, the
-    latter from the ball to the roller, are fixed there too.
+    latter from the ball to the roller, are fixed there too. axle: (3,), or (2, 3) where no direction of the contact may
+    slip.
     """
 
     leg: int

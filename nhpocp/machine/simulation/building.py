@@ -6,50 +6,53 @@ origin, is 15 cm, whatever the problem's unit; forces and masses are those of su
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
-from xml.etree import ElementTree
 
 import numpy as np
 
 from nhpocp.arrays import Array
 from nhpocp.errors import InvalidProblemError
 from nhpocp.machine.simulation.base_joints import BASE_JOINTS, Document, Roller, Seat
+from nhpocp.machine.simulation.built import Built, Drive, head
 from nhpocp.machine.simulation.mjcf import Element, add, as_text, axes
+from nhpocp.machine.simulation.rolling_ball import DRIVE, build_ball
 from nhpocp.machine.simulation.settings import MachineSettings
 from nhpocp.problem import PlanningProblem
 from nhpocp.systems.legs import Leg
 from nhpocp.systems.parallel_robot import ParallelRobot
+from nhpocp.systems.rolling_sphere import RollingSphere
 from nhpocp.systems.system import System
 from nhpocp.whole import write_text
 
 SIZE = 0.15  # m, of the mechanism's own length
-STEP = 5e-4  # s
 TUBE_MASS, ROD_MASS, CROSS_MASS, PLATFORM_MASS = 0.1, 0.1, 0.02, 0.5  # kg
 WELD = {"solref": (0.002, 1), "solimp": (0.99, 0.9999, 1e-4)}
 
 
-@dataclass(frozen=True)
-class Built:
-    """A machine as text.
+def built(system: System, position: Array, orientation: Array, settings: MachineSettings) -> Built:
+    """The machine of any system that can be built. Errors: `InvalidProblemError` for any other."""
+    if isinstance(system, RollingSphere):
+        return build_ball(system, position, orientation, settings)
+    return build(as_robot(system), position, orientation, settings)
 
-    text: MJCF. metres: to a unit of length. motors: names of the driven legs' joints, which are those of their
-    actuators; lengths: of those legs in the pose that it is built in [length]. rollers: those there are.
-    """
 
-    text: str
-    metres: float
-    motors: tuple[str, ...]
-    lengths: Array
-    rollers: tuple[Roller, ...]
+def drive_of(system: System) -> Drive:
+    """What its motors follow. Errors: as of `built`."""
+    if isinstance(system, RollingSphere):
+        return DRIVE
+    legs = list(enumerate(as_robot(system).legs, 1))
+    free = [(number, leg) for number, leg in legs if not leg.pinned]
+    columns = tuple(i for i, (_, leg) in enumerate(free) if leg.actuated)
+    labels = tuple(f"leg {number}" for number, leg in legs if leg.actuated)
+    return Drive("leg_lengths", "leg_lengths", columns, labels)
 
 
 def as_robot(system: System) -> ParallelRobot:
-    """A system whose machine can be built. Errors: `InvalidProblemError` for any other."""
+    """A robot whose machine is told leg lengths. Errors: `InvalidProblemError` for any other system."""
     if isinstance(system, ParallelRobot):
         return system
-    words = f"{system.model} cannot be built; expected a robot on legs: three_upu, parallel_robot"
-    raise InvalidProblemError(words, path="system.model")
+    wanted = "a robot on legs (three_upu, parallel_robot), or to play a plan a rolling_sphere"
+    raise InvalidProblemError(f"{system.model} cannot be built; expected {wanted}", path="system.model")
 
 
 def build(system: ParallelRobot, position: Array, orientation: Array, settings: MachineSettings) -> Built:
@@ -59,7 +62,7 @@ def build(system: ParallelRobot, position: Array, orientation: Array, settings: 
     length zero.
     """
     metres = SIZE / system.default_length_scale()
-    root, parts = _head(settings)
+    root, parts = head(settings)
     platform = add(parts.world, "body", name="platform", pos=metres * position, xyaxes=axes(orientation))
     add(platform, "freejoint", name="platform")
     add(platform, "geom", type_="cylinder", size=(SIZE, 0.03 * SIZE), mass=PLATFORM_MASS)
@@ -74,41 +77,19 @@ def build(system: ParallelRobot, position: Array, orientation: Array, settings: 
         if leg.actuated:
             motors.append(f"length {number}")
             lengths.append(float(leg.pose(position, orientation).length))
-    return Built(as_text(root), metres, tuple(motors), np.array(lengths), tuple(rollers))
+    return Built(as_text(root), metres, "platform", tuple(motors), np.array(lengths), tuple(rollers))
 
 
 def write_mjcf(problem: PlanningProblem, file: Path) -> None:
-    """The machine of a problem's robot at its start, with the settings that a simulation has unless told otherwise.
+    """The machine of a problem at its start, with the settings that a simulation has unless told otherwise.
 
-    Errors: as of `as_robot` and `build`, and `OSError`.
+    Errors: as of `built`, and `OSError`.
     """
-    robot = as_robot(problem.system)
+    drive_of(problem.system)
     position, orientation = (
         np.asarray(problem.start[name], dtype=float) for name in ("position", "orientation")
     )
-    write_text(file, build(robot, position, orientation, MachineSettings()).text)
-
-
-def _head(settings: MachineSettings) -> tuple[Element, Document]:
-    root = ElementTree.Element("mujoco", model="nhpocp")
-    add(root, "compiler", angle="radian", autolimits=True)
-    option = add(
-        root,
-        "option",
-        timestep=STEP,
-        gravity=(0, 0, -settings.gravity),
-        integrator="implicitfast",
-        solver="Newton",
-        iterations=200,
-        tolerance=1e-12,
-        cone="elliptic",
-        impratio=100,
-        noslip_iterations=20,
-    )
-    add(option, "flag", autoreset="disable")
-    # contacts are stated pair by pair: nothing else touches
-    add(add(root, "default"), "geom", contype=0, conaffinity=0)
-    return root, Document(add(root, "worldbody"), add(root, "contact"), add(root, "actuator"))
+    write_text(file, built(problem.system, position, orientation, MachineSettings()).text)
 
 
 def _build_leg(

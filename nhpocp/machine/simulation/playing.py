@@ -13,14 +13,15 @@ import numpy as np
 from nhpocp import so3
 from nhpocp.arrays import Array
 from nhpocp.errors import InvalidProblemError
+from nhpocp.interruption import STOPPED, Interruption
 from nhpocp.machine.model_errors import ModelErrors
-from nhpocp.machine.simulation.building import as_robot
-from nhpocp.machine.simulation.machine import LONGEST_SETTLING, Machine
+from nhpocp.machine.simulation.building import drive_of
+from nhpocp.machine.simulation.built import Drive
+from nhpocp.machine.simulation.machine import CONTROL_STEP, LONGEST_SETTLING, Machine, MachineBroke
 from nhpocp.machine.simulation.settings import MachineSettings
 from nhpocp.solution import Solution
-from nhpocp.systems.parallel_robot import ParallelRobot
+from nhpocp.systems.system import System
 
-CONTROL_STEP = 0.002  # s between set-points
 SAMPLES = 400  # over the duration
 SHORTEST, LONGEST = 0.01, 3600.0  # s
 REST = 0.5  # s that the last set-point is held for at least, until nothing moves, before the end is judged
@@ -31,26 +32,35 @@ TOLERANCE = 5e-3  # units of length, and degrees
 class Simulation:
     """A plan and what a machine made of it.
 
-    solution: the plan. settings: of the machine. duration: that the plan was played over [s]. tolerance: by which the
-    end may miss the plan's, in units of length and in degrees. trajectory: arrays by name, samples first: "t" [s], of
-    the machine "position", "orientation", "leg_lengths", "motor_force" [N], "normal_force", "friction_force" [N] and
-    "slip_rate", "slip" [length/s, length] of the rollers, and of the plan "planned_position", "planned_orientation",
-    "planned_leg_lengths", "position_error" [length], "angle_error" [rad]. motors, rollers: numbers of the legs that
-    have one, in the order of the arrays. failure: in words, "" for none. model: the machine as MJCF. engine: which, and
-    its version. seconds: that the computer took.
+    solution: the plan. system: with the machine's own parameters. settings: of the machine. duration: that the plan was
+    played over [s]. tolerance: by which the end may miss the plan's, in units of length and in degrees. trajectory:
+    arrays by name, samples first: "t" [s], of the machine "position", "orientation", "leg_lengths", "motor_force" [N],
+    "normal_force", "friction_force" [N] and "slip_rate", "slip" [length/s, length] of the rollers, and of the plan
+    "planned_position", "planned_orientation", "planned_leg_lengths", "position_error" [length], "angle_error" [rad].
+    drive: what the motors follow; where that are no leg lengths, arrays are called by its name. rollers: numbers of the
+    contacts, those of their legs, in the order of the arrays. failure: in words, "" for none; what
+    was measured before it is there, and the errors at the end are those where it ended. interrupted: whether somebody
+    stopped it. model: the machine as MJCF. engine: which, and its version. seconds: that the computer took.
     """
 
     solution: Solution
+    system: System
     settings: MachineSettings
     duration: float
     tolerance: float
     trajectory: Mapping[str, Array]
-    motors: tuple[int, ...]
+    drive: Drive
     rollers: tuple[int, ...]
     failure: str
+    interrupted: bool
     model: str = field(repr=False)
     engine: str
     seconds: float
+
+    @property
+    def motors(self) -> tuple[str, ...]:
+        """The last words of the motors' labels, numbers of legs, in the order of the arrays."""
+        return tuple(label.split()[-1] for label in self.drive.labels)
 
     @property
     def position_error(self) -> float:
@@ -67,6 +77,13 @@ class Simulation:
         """The way that a ball has slipped along the axle of its roller, of the worst of them [length]."""
         slip = self.trajectory["slip"]
         return float(slip[-1].max()) if slip.size else 0.0
+
+    @property
+    def outcome(self) -> str:
+        """`reached`, `missed`, `interrupted` by hand, or `broken` by what it was to do."""
+        if self.interrupted:
+            return "interrupted"
+        return "broken" if self.failure else "reached" if self.reached else "missed"
 
     @property
     def reached(self) -> bool:
@@ -101,64 +118,86 @@ def play(
         raise InvalidProblemError(f"{duration:g} s; expected {SHORTEST} to {LONGEST:g} s", path="duration")
     if not tolerance > 0:
         raise InvalidProblemError(f"{tolerance:g}; expected a number > 0", path="tolerance")
-    system = as_robot(solution.problem.system)
-    plan = _Plan(solution, system)
+    system = solution.problem.system
+    drive = drive_of(system)
+    plan = _Plan(solution, drive)
     start = {"position": plan.position(0.0), "orientation": plan.orientation(0.0)}
-    machine = Machine(ModelErrors.parsed(settings.errors, system).machine()[0], start, settings)
-    machine.home(plan.leg_lengths(0.0))
-    machine.settle()
-    log = _Log(machine, plan)
-    steps = max(1, round(duration / CONTROL_STEP))
-    every = max(1, round(steps / SAMPLES))
-    least, most = (steps + round(seconds / CONTROL_STEP) for seconds in (REST, LONGEST_SETTLING))
-    log.sample(0.0, 0.0)
-    for k in range(1, most + 1):
-        share = min(1.0, k / steps)
-        if k <= steps:
-            machine.command(plan.leg_lengths(share))
-        machine.advance(CONTROL_STEP)
-        over = machine.failure or k == most or (k >= least and machine.at_rest)
-        if over or k % every == 0:
-            log.sample(k * CONTROL_STEP, share)
-            if progress:
-                progress(min(k, steps), steps)
-        if over:
-            break
+    own = ModelErrors.parsed(settings.errors, system).machine()[0]
+    machine = Machine(own, start, settings)
+    log = _Log(machine, plan, drive.name)
+    failure, interrupted = "", False
+    with Interruption() as interruption:
+        try:
+            _follow(machine, plan, log, duration, progress, interruption.check)
+        except KeyboardInterrupt:
+            failure, interrupted = f"{STOPPED} after {machine.time:.3g} s", True
+        except MachineBroke as error:
+            failure = str(error)
+        log.sample()
     return Simulation(
         solution=solution,
+        system=own,
         settings=settings,
         duration=duration,
         tolerance=tolerance,
         trajectory=log.trajectory(),
-        motors=tuple(i for i, leg in enumerate(system.legs, 1) if leg.actuated),
+        drive=drive,
         rollers=tuple(roller.leg for roller in machine.built.rollers),
-        failure=machine.failure,
+        failure=failure,
+        interrupted=interrupted,
         model=machine.built.text,
         engine=machine.engine,
         seconds=time.perf_counter() - began,
     )
 
 
+def _follow(
+    machine: Machine,
+    plan: _Plan,
+    log: _Log,
+    duration: float,
+    progress: Callable[[int, int], Any] | None,
+    check: Callable[[], None],
+) -> None:
+    """Until the plan is over and nothing moves any more; between two steps ``check`` may raise."""
+    machine.home(plan.set_points(0.0))
+    machine.settle()
+    steps = max(1, round(duration / CONTROL_STEP))
+    every = max(1, round(steps / SAMPLES))
+    least, most = (steps + round(seconds / CONTROL_STEP) for seconds in (REST, LONGEST_SETTLING))
+    log.sample()
+    for k in range(1, most + 1):
+        check()
+        log.now, log.share = k * CONTROL_STEP, min(1.0, k / steps)
+        if k <= steps:
+            machine.command(plan.set_points(log.share))
+        machine.advance(CONTROL_STEP)
+        if k >= least and machine.at_rest:
+            break
+        if k % every == 0:
+            log.sample()
+            if progress:
+                progress(min(k, steps), steps)
+
+
 class _Plan:
     """The plan's pose and its driven legs' lengths at a share of its horizon."""
 
-    def __init__(self, solution: Solution, system: ParallelRobot) -> None:
+    def __init__(self, solution: Solution, drive: Drive) -> None:
         from scipy.interpolate import CubicSpline
 
         path = {name: np.asarray(solution.trajectory[name]) for name in ("t", "position", "orientation")}
-        lengths = np.asarray(solution.trajectory["leg_lengths"]).reshape(len(path["t"]), -1)
+        lengths = np.asarray(solution.trajectory[drive.source]).reshape(len(path["t"]), -1)
         if len(path["t"]) < 2 or not all(np.isfinite(values).all() for values in (*path.values(), lengths)):
             raise InvalidProblemError(
                 f"this plan has no finite path to follow ({solution.outcome.value}); solve again, then simulate"
             )
-        free = [leg for leg in system.legs if not leg.pinned]
-        driven = [i for i, leg in enumerate(free) if leg.actuated]
         self._shares = path["t"] / path["t"][-1]
-        self._lengths = CubicSpline(self._shares, lengths[:, driven])
+        self._lengths = CubicSpline(self._shares, lengths[:, list(drive.columns)])
         self._position = CubicSpline(self._shares, path["position"])
         self._rotations = path["orientation"].reshape(-1, 3, 3)
 
-    def leg_lengths(self, share: float) -> Array:
+    def set_points(self, share: float) -> Array:
         return self._lengths(share)
 
     def position(self, share: float) -> Array:
@@ -172,27 +211,31 @@ class _Plan:
 
 
 class _Log:
-    """What is measured, sample by sample."""
+    """What is measured, sample by sample, at a time [s] that is a share of the plan's."""
 
-    def __init__(self, machine: Machine, plan: _Plan) -> None:
-        self._machine, self._plan = machine, plan
+    def __init__(self, machine: Machine, plan: _Plan, driven: str) -> None:
+        self._machine, self._plan, self._driven = machine, plan, driven
+        self.now = self.share = 0.0
         self._rows: dict[str, list[Any]] = {}
 
-    def sample(self, now: float, share: float) -> None:
-        machine, plan = self._machine, self._plan
+    def sample(self) -> None:
+        """At this time; once."""
+        if self.now in self._rows.get("t", [])[-1:]:
+            return
+        machine, plan, share = self._machine, self._plan, self.share
         pose, contacts = machine.measure(), machine.contacts()
         planned, turned = plan.position(share), plan.orientation(share)
         values = {
-            "t": now,
+            "t": self.now,
             **pose,
-            "leg_lengths": machine.leg_lengths(),
+            self._driven: machine.leg_lengths(),
             "motor_force": machine.motor_forces(),
             "normal_force": contacts.normal,
             "friction_force": contacts.friction,
             "slip_rate": contacts.slip,
             "planned_position": planned,
             "planned_orientation": turned,
-            "planned_leg_lengths": plan.leg_lengths(share),
+            f"planned_{self._driven}": plan.set_points(share),
             "position_error": float(np.linalg.norm(pose["position"] - planned)),
             "angle_error": float(so3.angle(pose["orientation"] @ turned.T)),
         }

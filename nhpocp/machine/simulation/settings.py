@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from math import isfinite
 from typing import Any
@@ -31,7 +32,7 @@ class MachineSettings(Constructed):
     damping: float = 200.0
     noise: tuple[float, float] = (0.0, 0.0)
     latency: float = 0.0
-    seed: int = 0
+    seed: int | Sequence[int] = 0
     errors: str = ""
 
     def __post_init__(self) -> None:

@@ -1,0 +1,279 @@
+"""The obstacles that a problem file names: a line for each kind, from which its schema and its checks follow."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from math import hypot
+from typing import Any, Literal
+
+from nhpocp import so3
+from nhpocp.bodies.hull import HalfSpace, Hull, ball, box, capsule, hull_of, polygon
+from nhpocp.declared import real
+from nhpocp.errors import InvalidProblemError, describe
+from nhpocp.frozen import ByValue, Frozen
+from nhpocp.written_numbers import numbers_in
+
+MOST_CORNERS = 64  # of a mesh: every edge of it meets every edge of every body, in each of an NLP's intervals
+Value = Literal["place", "direction", "size", "sizes", "angles", "angle", "places", "file"]
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A number, or a list of them, of an obstacle. needed: whether it has to be given; else its ``default``."""
+
+    kind: Value
+    meaning: str
+    needed: bool = True
+    default: Any = None
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of obstacle. dimension: 2 in the plane, 3 in space. shape: what its entries make."""
+
+    dimension: int
+    meaning: str
+    entries: Mapping[str, Entry]
+    shape: Callable[..., Hull | HalfSpace]
+
+
+def _box(centre: Any, size: Any, rpy: Any) -> Hull:
+    return box(centre, so3.from_mapping({"rpy": list(rpy)}), 0.5 * size)
+
+
+def _rectangle(centre: Any, size: Any, angle: float) -> Hull:
+    import numpy as np
+
+    c, s = np.cos(angle), np.sin(angle)
+    return box(centre, np.array([[c, -s], [s, c]]), 0.5 * size)
+
+
+def _bar(start: Any, end: Any, radius: float) -> Hull:
+    return capsule(start, end, radius)
+
+
+def _convex(points: Any, file: Any) -> Hull:
+    hull = hull_of(points)
+    if hull.rank < 3:
+        raise InvalidProblemError("the points lie in a plane, and bound no body", path="points")
+    if len(hull.corners) > MOST_CORNERS:
+        words = (
+            f"the convex hull has {len(hull.corners)} corners; at most {MOST_CORNERS} can be kept clear of. "
+            "Export a coarser mesh"
+        )
+        raise InvalidProblemError(words, path="points")
+    return hull
+
+
+def _outline(corners: Any) -> Hull:
+    """A polygon around its corners. Errors: where it is not convex."""
+    import numpy as np
+
+    sides = np.roll(corners, -1, axis=0) - corners
+    after = np.roll(sides, -1, axis=0)
+    turns = sides[:, 0] * after[:, 1] - sides[:, 1] * after[:, 0]
+    around = np.arctan2(turns, (sides * after).sum(axis=1)).sum()
+    if not ((turns > 0).all() or (turns < 0).all()) or abs(abs(around) - 2 * np.pi) > 1e-6:
+        words = "the polygon is not convex; write several convex ones, each with its corners in order"
+        raise InvalidProblemError(words, path="corners")
+    return polygon(list(corners))
+
+
+def _half(point: Any, normal: Any) -> HalfSpace:
+    return HalfSpace(point, normal)
+
+
+CENTRE, RADIUS = Entry("place", "centre [length]"), Entry("size", "radius [length]")
+POINT = Entry("place", "a point of the surface [length]")
+NORMAL = Entry("direction", "out of the obstacle, towards what is free")
+KINDS: Mapping[str, Kind] = {
+    "sphere": Kind(3, "a ball", {"centre": CENTRE, "radius": RADIUS}, ball),
+    "capsule": Kind(
+        3,
+        "a round bar with round ends",
+        {
+            "from": Entry("place", "one end of its axis [length]"),
+            "to": Entry("place", "the other end"),
+            "radius": RADIUS,
+        },
+        _bar,
+    ),
+    "box": Kind(
+        3,
+        "a box",
+        {
+            "centre": CENTRE,
+            "size": Entry("sizes", "lengths along its own axes"),
+            "rpy": Entry("angles", "roll, pitch, yaw [rad]", needed=False, default=(0.0, 0.0, 0.0)),
+        },
+        _box,
+    ),
+    "half_space": Kind(3, "all behind a plane: a floor or a wall", {"point": POINT, "normal": NORMAL}, _half),
+    "mesh": Kind(
+        3,
+        "a convex body from an STL file, or the convex hull of points",
+        {
+            "points": Entry("places", "its corners; what a file is read into", needed=False),
+            "file": Entry("file", "an STL file, from the problem file's folder on", needed=False),
+        },
+        _convex,
+    ),
+    "disc": Kind(2, "a disc", {"centre": CENTRE, "radius": RADIUS}, ball),
+    "rectangle": Kind(
+        2,
+        "a rectangle",
+        {
+            "centre": CENTRE,
+            "size": Entry("sizes", "lengths along its own axes"),
+            "angle": Entry("angle", "by which it is turned [rad]", needed=False, default=0.0),
+        },
+        _rectangle,
+    ),
+    "polygon": Kind(
+        2, "a convex polygon", {"corners": Entry("places", "its corners in order [length]")}, _outline
+    ),
+    "half_plane": Kind(2, "all behind a line: a kerb or a wall", {"point": POINT, "normal": NORMAL}, _half),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Obstacle(ByValue, Frozen):
+    """An obstacle as a file writes it: `Obstacle("sphere", {"centre": [8, 0, 30], "radius": 2})`.
+
+    kind: in space sphere, capsule, box, half_space or mesh, in the plane disc, rectangle, polygon or half_plane.
+    entries: its place and size [length], angles [rad], by the names that a file has for them. name: in messages; none:
+    the kind, and in a problem a number.
+    Errors: `InvalidProblemError` for a kind, or an entry, that is none.
+    """
+
+    kind: str
+    entries: Mapping[str, Any]
+    name: str = field(default="", kw_only=True)
+
+    def __post_init__(self) -> None:
+        if self.kind not in KINDS:
+            raise InvalidProblemError("unknown obstacle", word=str(self.kind), known=KINDS)
+        if not isinstance(self.entries, Mapping):
+            words = f"expected {{{', '.join(KINDS[self.kind].entries)}}}, got {describe(self.entries)}"
+            raise InvalidProblemError(words, path=self.kind)
+        kind = KINDS[self.kind]
+        unknown = [name for name in self.entries if name not in kind.entries]
+        if unknown:
+            path = f"{self.kind}.{unknown[0]}"
+            raise InvalidProblemError("unknown key", path=path, word=str(unknown[0]), known=kind.entries)
+        for name, entry in kind.entries.items():
+            if entry.needed and name not in self.entries:
+                raise InvalidProblemError(f"missing; {entry.meaning}", path=f"{self.kind}.{name}")
+        if self.kind == "mesh" and "points" not in self.entries:
+            raise InvalidProblemError("missing; or file, an STL file", path="mesh.points")
+        given = {
+            name: _checked(kind, name, self.entries[name], self.kind)
+            for name in kind.entries
+            if name in self.entries
+        }
+        object.__setattr__(self, "entries", given)
+        object.__setattr__(self, "name", self.name or self.kind)
+        try:
+            self.__dict__["shape"] = self._shape()
+        except InvalidProblemError as error:
+            raise error.under(self.kind) from None
+
+    @property
+    def dimension(self) -> int:
+        return KINDS[self.kind].dimension
+
+    @cached_property
+    def shape(self) -> Hull | HalfSpace:
+        """What it takes up."""
+        return self._shape()
+
+    def _shape(self) -> Hull | HalfSpace:
+        import numpy as np
+
+        kind = KINDS[self.kind]
+        values = [self.entries.get(name, entry.default) for name, entry in kind.entries.items()]
+        return kind.shape(*(np.array(value) if isinstance(value, tuple) else value for value in values))
+
+    def as_data(self) -> dict[str, Any]:
+        """As a file writes it."""
+        plain = {name: _listed(value) for name, value in self.entries.items()}
+        return {self.kind: plain}
+
+    @classmethod
+    def several(cls, given: Any) -> tuple[Obstacle, ...]:
+        """Obstacles as Python or a file gives them, with names. Errors: `InvalidProblemError` for all that are none."""
+        if isinstance(given, Mapping | str) or not isinstance(given, Sequence):
+            words = f"expected a list such as [{{sphere: {{centre: …, radius: …}}}}], got {describe(given)}"
+            raise InvalidProblemError(words, path="obstacles")
+        made: list[Obstacle] = []
+        wrong: list[InvalidProblemError] = []
+        for i, each in enumerate(given):
+            try:
+                made.append(_one(each))
+            except InvalidProblemError as error:
+                wrong.append(error.under(f"obstacles[{i}]"))
+        if wrong:
+            wrong[0].others = tuple(wrong[1:])
+            raise wrong[0]
+        count: dict[str, int] = {}
+        named = []
+        for each in made:
+            count[each.kind] = count.get(each.kind, 0) + 1
+            name = f"{each.kind.replace('_', ' ')} {count[each.kind]}"
+            named.append(cls(each.kind, each.entries, name=name))
+        return tuple(named)
+
+
+def _one(given: Any) -> Obstacle:
+    if isinstance(given, Obstacle):
+        return given
+    if not isinstance(given, Mapping) or len(given) != 1:
+        words = f"expected one of {', '.join(KINDS)}, and its entries; got {describe(given)}"
+        raise InvalidProblemError(words)
+    ((kind, entries),) = given.items()
+    return Obstacle(kind, entries)
+
+
+def _checked(kind: Kind, name: str, value: Any, called: str) -> Any:
+    """An entry as plain numbers."""
+    path, entry = f"{called}.{name}", kind.entries[name]
+    if entry.kind == "file":
+        return str(value)
+    value = value.tolist() if hasattr(value, "tolist") else value
+    try:
+        value = numbers_in(value)
+    except ValueError as error:
+        raise InvalidProblemError(str(error), path=path) from None
+    if entry.kind in ("size", "angle"):
+        number = float(real(value, path))
+        if entry.kind == "size" and not number > 0:
+            raise InvalidProblemError(f"{number:g}; expected a length > 0", path=path)
+        return number
+    if entry.kind == "places":
+        if not isinstance(value, list | tuple) or len(value) < kind.dimension + 1:
+            words = f"expected a list of {kind.dimension + 1} or more points, got {describe(value)}"
+            raise InvalidProblemError(words, path=path)
+        return tuple(_vector(each, kind.dimension, f"{path}[{i}]") for i, each in enumerate(value))
+    numbers = _vector(value, 3 if entry.kind == "angles" else kind.dimension, path)
+    if entry.kind == "sizes" and not all(number > 0 for number in numbers):
+        raise InvalidProblemError("expected lengths > 0", path=path)
+    if entry.kind == "direction":
+        length = hypot(*numbers)
+        if length < 1e-9:
+            raise InvalidProblemError("the zero vector; expected a direction", path=path)
+        return numbers if abs(length - 1) < 1e-15 else tuple(number / length for number in numbers)
+    return numbers
+
+
+def _vector(value: Any, size: int, path: str) -> tuple[float, ...]:
+    if not isinstance(value, list | tuple):
+        raise InvalidProblemError(f"expected {size} numbers, got {describe(value)}", path=path)
+    if len(value) != size:
+        raise InvalidProblemError(f"{len(value)} numbers; expected {size}", path=path)
+    return tuple(float(real(number, path)) for number in value)
+
+
+def _listed(value: Any) -> Any:
+    return [_listed(each) for each in value] if isinstance(value, tuple | list) else value

@@ -1,0 +1,183 @@
+"""Distances measured again along a replayed path, by another formula than the one that solvers differentiate.
+
+That is the GJK algorithm of the Flexible Collision Library (python-fcl) on the convex hulls of corners; where it is not
+installed, the point of least norm in the hull of all differences of corners, by non-negative least squares [Lawson &
+Hanson, ch. 23]. Radii are taken off afterwards. Overlapping hulls are told as such, not how deep.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import cached_property
+from itertools import product
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from nhpocp.arrays import Array
+from nhpocp.bodies.hull import HalfSpace, Hull
+from nhpocp.calls import call, mapped
+from nhpocp.systems.system import System
+
+CURVED = 1.05  # of a straight line: how long a body's way from one sample to the next is at most
+PARTS, MOST = 8, 40_000  # into which an interval in doubt is cut, and samples that are added in all
+Between = Callable[[Array, Array], Array]  # corners (n, d) and (m, d) ↦ the distance of their hulls
+
+
+def measured_by() -> str:
+    """What measures here, in words."""
+    if _fcl() is not None:
+        return "distances by python-fcl"
+    return 'distances by least squares, for python-fcl is missing (pip install "nhpocp[distances]")'
+
+
+def _fcl() -> Any:
+    try:
+        import fcl
+    except ImportError:
+        return None
+    return fcl
+
+
+class Distances:
+    """Measures the pairs of one system along its paths."""
+
+    def __init__(self, system: System) -> None:
+        assert system.surroundings is not None
+        self._system, self._surroundings = system, system.surroundings
+        self._shapes = self._surroundings.shapes()
+        x = ca.SX.sym("x", system.state_space.size)
+        self._bodies: Mapping[str, Hull] = system.bodies(x)
+        rows = [ca.vertcat(*[ca.SX(corner) for corner in body.corners]) for body in self._bodies.values()]
+        self._function = ca.Function("corners", [x], [ca.densify(ca.vertcat(*rows))])
+
+    @cached_property
+    def _between(self) -> Between:
+        fcl = _fcl()
+        return by_fcl(fcl) if fcl is not None else by_least_squares
+
+    def corners(self, states: Array) -> dict[str, Array]:
+        """Of every body at samples, (k, corners, 2 or 3)."""
+        (numbers,) = call(mapped(self._function, len(states)), states)
+        numbers, first, places = numbers.reshape(len(states), -1), 0, {}
+        for name, body in self._bodies.items():
+            size = len(body.corners) * body.dimension
+            places[name] = numbers[:, first : first + size].reshape(len(states), -1, body.dimension)
+            first += size
+        return places
+
+    def measure(self, corners: Mapping[str, Array], pair: int) -> Array:
+        """The distance of a pair at every sample, (k,); NaN where a body's place is none."""
+        one, other = self._surroundings.pairs[pair]
+        hull, mine = self._bodies[one], corners[one]
+        good = np.isfinite(mine).all(axis=(1, 2))
+        distances = np.full(len(mine), np.nan)
+        shape = self._bodies.get(other) or self._shapes[other]
+        if isinstance(shape, HalfSpace):
+            distances[good] = ((mine[good] - shape.point) @ shape.normal).min(axis=1) - hull.radius
+            return distances
+        if other in corners:
+            its = corners[other]
+        else:
+            its = np.broadcast_to(np.array(shape.corners), (len(mine), *np.shape(shape.corners)))
+        for k in np.flatnonzero(good & np.isfinite(its).all(axis=(1, 2))):
+            distances[k] = self._between(mine[k], its[k]) - hull.radius - shape.radius
+        return distances
+
+    def way(self, corners: Mapping[str, Array], pair: int) -> Array:
+        """By how much a pair's distance can change between samples at most, (k - 1,)."""
+        moved = [
+            np.linalg.norm(np.diff(corners[name], axis=0), axis=2).max(axis=1)
+            for name in self._surroundings.pairs[pair]
+            if name in corners
+        ]
+        return CURVED * np.sum(moved, axis=0)
+
+    def along(self, path: Callable[[Array], Array], times: Array, least: Array) -> tuple[Array, Array, bool]:
+        """Times with more among them, the distances there (k, pairs), and whether what lies between was bounded too.
+
+        least: of every pair, what its distance may not be below between the samples. A distance that was not looked at,
+        at a time for another pair, is infinite.
+        """
+        corners = self.corners(path(times))
+        count = len(self._surroundings.pairs)
+        values = np.stack([self.measure(corners, pair) for pair in range(count)], axis=1)
+        moments, rows, bounded = [times], [values], True
+        for pair in map(int, np.flatnonzero(np.isfinite(least))):
+            more, distances, done = self._between_samples(
+                path, times, corners, values[:, pair], pair, least[pair]
+            )
+            row = np.full((len(more), count), np.inf)
+            row[:, pair] = distances
+            moments, rows, bounded = [*moments, more], [*rows, row], bounded and done
+        return np.concatenate(moments), np.concatenate(rows), bounded
+
+    def _between_samples(
+        self, path: Any, times: Array, corners: Mapping[str, Array], values: Array, pair: int, least: float
+    ) -> tuple[Array, Array, bool]:
+        """Samples added until the distance between any two neighbours is seen to stay above ``least``."""
+        added: list[Array] = []
+        found: list[Array] = []
+        starts, ends, low, high = times[:-1], times[1:], values[:-1], values[1:]
+        way, budget = self.way(corners, pair), MOST
+        while True:
+            doubtful = (0.5 * (low + high - way) < least) & (np.minimum(low, high) >= least) & (ends > starts)
+            if not doubtful.any():
+                return np.concatenate([*added, []]), np.concatenate([*found, []]), True
+            grid = np.linspace(starts[doubtful], ends[doubtful], PARTS + 1)  # parts + 1, intervals
+            if (budget := budget - grid.size) < 0:
+                return np.concatenate([*added, []]), np.concatenate([*found, []]), False
+            inner = grid[1:-1]
+            here = self.corners(path(grid.ravel()))
+            shaped = {name: place.reshape(*grid.shape, *place.shape[1:]) for name, place in here.items()}
+            flat = {name: place[1:-1].reshape(-1, *place.shape[2:]) for name, place in shaped.items()}
+            distances = self.measure(flat, pair).reshape(inner.shape)
+            added, found = [*added, inner.ravel()], [*found, distances.ravel()]
+            table = np.vstack([low[doubtful][None], distances, high[doubtful][None]])
+            way = np.stack(
+                [
+                    self.way({name: place[:, i] for name, place in shaped.items()}, pair)
+                    for i in range(grid.shape[1])
+                ],
+                axis=1,
+            ).ravel()
+            starts, ends = grid[:-1].ravel(), grid[1:].ravel()
+            low, high = table[:-1].ravel(), table[1:].ravel()
+
+
+def by_fcl(fcl: Any) -> Between:
+    """The distance of two hulls by the Flexible Collision Library."""
+    still = fcl.Transform()
+
+    def made(corners: Array) -> Any:
+        if corners.shape[1] == 2:  # a prism, whose distance from others as high is that in the plane
+            corners = np.vstack([np.pad(corners, ((0, 0), (0, 1)), constant_values=z) for z in (-1.0, 1.0)])
+        count = len(corners)
+        # its algorithm asks for the farthest corner only; the faces are a formality
+        faces = [[3, 0, i % count, (i + 1) % count] for i in range(1, max(2, count - 1))]
+        return fcl.CollisionObject(
+            fcl.Convex(np.ascontiguousarray(corners), len(faces), np.array(faces).ravel()), still
+        )
+
+    def between(first: Array, second: Array) -> float:
+        if len(first) < len(second):  # the library is at its best so
+            first, second = second, first
+        return max(
+            0.0, float(fcl.distance(made(first), made(second), fcl.DistanceRequest(), fcl.DistanceResult()))
+        )
+
+    return between
+
+
+def by_least_squares(first: Array, second: Array) -> float:
+    """The norm of the shortest of all convex combinations of differences of corners."""
+    from scipy.optimize import nnls
+
+    differences = np.array([a - b for a, b in product(first, second)]).T
+    size = np.abs(differences).max()
+    if size == 0:
+        return 0.0
+    rows = np.vstack([differences / size, np.ones(differences.shape[1])])
+    weights, _ = nnls(rows, np.append(np.zeros(len(differences)), 1.0))
+    return float(np.linalg.norm(differences @ (weights / weights.sum())))

@@ -1,0 +1,153 @@
+"""The distance of two bodies against the Flexible Collision Library, least squares, differences and its own laws."""
+
+from dataclasses import replace
+
+import casadi as ca
+import fcl
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from nhpocp.bodies import hull
+from nhpocp.bodies.distance import distance
+from nhpocp.bodies.hull import HalfSpace, Hull
+from nhpocp.verification.distances import by_fcl, by_least_squares
+
+PAIRS = 10_000
+TRIANGLE = np.array([[1.0, 0, 0], [-0.5, 0.8, 0], [-0.5, -0.8, 0]])
+CLOUD = np.random.default_rng(5).normal(size=(6, 3))
+
+
+def placed(shape, rng):
+    """A hull somewhere, turned."""
+    reach = rng.uniform(-2.5, 2.5, shape.dimension)
+    if shape.dimension == 2:
+        angle = rng.uniform(0, 7)
+        turned = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    else:
+        turned = Rotation.random(random_state=rng).as_matrix()
+    return shape.moved(reach, turned)
+
+
+SPACE = {
+    "ball": hull.ball(np.zeros(3), 0.3),
+    "capsule": hull.capsule(np.array([0, 0, -1.0]), np.array([0, 0, 1.2]), 0.2),
+    "plate": hull.polygon(list(TRIANGLE), 0.1),
+    "box": hull.box(np.zeros(3), np.eye(3), [0.5, 0.7, 0.3]),
+    "prism": hull.prism(list(TRIANGLE), np.array([0, 0, 0.4])),
+    "polyhedron": hull.polyhedron(0.6 * CLOUD),
+}
+PLANE = {
+    "disc": hull.ball(np.zeros(2), 0.3),
+    "bar": hull.capsule(np.array([-1.0, 0]), np.array([1.2, 0]), 0.2),
+    "rectangle": hull.box(np.zeros(2), np.eye(2), [0.5, 0.7]),
+    "polygon": hull.polygon(list(TRIANGLE[:, :2])),
+}
+COMBINED = [
+    (one, other)
+    for shapes in (SPACE, PLANE)
+    for i, one in enumerate(shapes.values())
+    for other in list(shapes.values())[i:]
+]
+
+
+def functions(first, second):
+    """(corners of both, a motion of the first) ↦ distance, and its gradient by the motion; as solvers have them."""
+    numbers = first.dimension
+    a = [ca.SX.sym("a", numbers) for _ in first.corners]
+    b = [ca.SX.sym("b", numbers) for _ in second.corners]
+    x, motion = ca.vertcat(*a, *b), ca.SX.sym("motion", 6 if numbers == 3 else 3)
+    turn = motion[numbers:]
+    turned = ca.skew(turn) if numbers == 3 else ca.vertcat(ca.horzcat(0, -turn), ca.horzcat(turn, 0))
+    moved = tuple(corner + motion[:numbers] + turned @ corner for corner in a)
+    value = distance(replace(first, corners=moved), replace(second, corners=tuple(b)))
+    return ca.Function("d", [x, motion], [value]), ca.Function("g", [x, motion], [ca.gradient(value, motion)])
+
+
+def corners(*hulls):
+    return np.concatenate([np.ravel(each.corners) for each in hulls])
+
+
+@pytest.mark.parametrize(("first", "second"), COMBINED)
+def test_it_is_that_of_an_independent_library_and_its_derivative_that_of_differences(first, second):
+    value, gradient = functions(first, second)
+    rng, between = np.random.default_rng(3), by_fcl(fcl)
+    count = PAIRS // len(COMBINED) + 1
+    hulls = [(placed(first, rng), placed(second, rng)) for _ in range(count)]
+    points = np.array([corners(one, other) for one, other in hulls]).T
+    still = np.zeros((6 if first.dimension == 3 else 3, count))
+    found = value.map(count)(points, still).full().ravel()
+    expected = [between(np.array(one.corners), np.array(other.corners)) for one, other in hulls]
+    radii = first.radius + second.radius
+    apart = np.array(expected) > 1e-6
+    assert apart.sum() > 0.5 * count
+    np.testing.assert_allclose(found[apart], np.array(expected)[apart] - radii, atol=1e-9)
+    assert (found[~apart] < 1e-6 - radii).all()
+    slopes = gradient.map(count)(points, still).full()
+    assert np.isfinite(slopes).all()
+    step, direction = 1e-6, rng.normal(size=still.shape)
+    sides = [value.map(count)(points, sign * step * direction).full().ravel() for sign in (-1, 1)]
+    smooth = np.abs(sides[0] + sides[1] - 2 * found) < 1e-8  # else a kink lies between
+    assert smooth.mean() > 0.9
+    differences = (sides[1] - sides[0]) / (2 * step)
+    np.testing.assert_allclose((slopes * direction).sum(axis=0)[smooth], differences[smooth], atol=1e-2)
+
+
+@given(seed=st.integers(0, 10**6), tilt=st.floats(-17, -1))
+@settings(max_examples=60, deadline=None)
+def test_plates_and_bars_in_nearly_one_plane_are_told_apart(seed, tilt):
+    rng = np.random.default_rng(seed)
+    turned = Rotation.from_rotvec(10**tilt * rng.normal(size=3)).as_matrix()
+    reach = rng.uniform(-2, 2, 3) * [1, 1, rng.choice([0, 10**tilt])]
+    other = TRIANGLE @ turned.T + reach
+    for second in (hull.polygon(list(other)), hull.capsule(other[0], other[1], 0.0)):
+        least = by_least_squares(TRIANGLE, np.array(second.corners))
+        found = float(distance(hull.polygon(list(TRIANGLE)), second))
+        assert found == pytest.approx(least, abs=1e-9) if least > 1e-7 else found < 1e-6
+
+
+def test_the_way_out_is_the_shortest():
+    """An overlapping body moved by less than its depth, whichever way, still overlaps; by its depth some way is out."""
+    rng = np.random.default_rng(8)
+    value, _ = functions(SPACE["box"], SPACE["prism"])
+    deep = 0
+    for _ in range(30):
+        first, second = placed(SPACE["box"], rng), placed(SPACE["prism"], rng)
+        middle = np.mean(first.corners, axis=0) - np.mean(second.corners, axis=0)
+        x = corners(first, second.moved(middle + rng.uniform(-0.2, 0.2, 3), np.eye(3)))
+        depth = -float(value(x, np.zeros(6)))
+        deep += depth > 0.3
+        directions = rng.normal(size=(3, 200))
+        ways = np.vstack([directions / np.linalg.norm(directions, axis=0), np.zeros((3, 200))])
+        assert depth > 0
+        assert (value.map(200)(x, 0.98 * depth * ways).full().ravel() < 0).all()
+        assert value.map(200)(x, 1.3 * depth * ways).full().ravel().max() > 0
+    assert deep
+
+
+def test_a_half_space_is_left_along_its_normal():
+    wall = HalfSpace(np.array([0, 0, 1.0]), np.array([0, 0, 1.0]))
+    bar = hull.capsule(np.array([0, 0, 3.0]), np.array([5, 0, 2.5]), 0.5)
+    assert float(distance(bar, wall)) == pytest.approx(1.0)
+    assert float(distance(bar.moved(np.array([0, 0, -3.0]), np.eye(3)), wall)) == pytest.approx(-2.0)
+
+
+def test_touching_bodies_leave_no_number_that_is_none():
+    """Where cores meet, distance and two derivatives are finite: optimizers pass such points."""
+    a, b = ca.SX.sym("a", 3), ca.SX.sym("b", 3)
+    value = distance(hull.capsule(a, b, 0.1), hull.capsule(ca.DM([-1, 0, 0]), ca.DM([1, 0, 0]), 0.1))
+    x = ca.vertcat(a, b)
+    hessian = ca.Function("h", [x], [value, ca.gradient(value, x), ca.hessian(value, x)[0]])
+    for numbers in hessian(np.array([0, -1.0, 0, 0, 1, 0])):
+        assert np.isfinite(numbers.full()).all()
+
+
+def test_a_hull_of_points_has_the_rank_of_its_points():
+    box = np.array(SPACE["box"].corners)
+    made = [hull.hull_of(points) for points in (box[:1], box[:2], box[:4], box)]
+    assert [each.rank for each in made] == [0, 1, 2, 3]
+    solid: Hull = made[-1]
+    assert (len(solid.corners), len(solid.edges), len(solid.faces)) == (8, 12, 6)
+    assert (len(solid.directions), len(solid.sides)) == (3, 3)

@@ -1,0 +1,296 @@
+"""Obstacles from the file to both solvers, to verification and to what is seen."""
+
+from __future__ import annotations
+
+import builtins
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import nhpocp
+from nhpocp.bodies.obstacles import KINDS
+from nhpocp.cli.entry import status
+from nhpocp.problem_file import dump_problem, parse_problem, read_text
+from nhpocp.problem_file.registry import SYSTEMS
+from nhpocp.views import obstacles as seen
+from tests.conftest import paper_problem
+
+GALLERY = Path(__file__).parents[2] / "problems"
+ROBOT = """nhpocp: 1
+system: {model: three_upu, leg_radius: 1.5, thickness: 1}
+start: {position: [0, 0, 25], orientation: {rpy: [0, 0, -pi/6]}}
+goal: {position: [-0.4, -0.2, 35], orientation: {rpy: [0, 0, -90 deg]}}
+"""
+CAR = """nhpocp: 1
+system: {model: car}
+start: {x: 0, y: 0, theta: 0, phi: 0}
+goal: {x: 0, y: 0.5, theta: 0, phi: 0}
+"""
+AROUND = {
+    "sphere": "{centre: [8, 0, 41], radius: 3}",
+    "capsule": "{from: [30, 0, 40], to: [30, 20, 40], radius: 2}",
+    "box": "{centre: [25, 0, 30], size: [4, 4, 4], rpy: [0, 0, 45 deg]}",
+    "half_space": "{point: [0, 0, -5], normal: [0, 0, 2]}",
+    "mesh": "{points: [[0, 0, 50], [4, 0, 50], [0, 4, 50], [0, 0, 54]]}",
+    "disc": "{centre: [3, 3], radius: 1}",
+    "rectangle": "{centre: [3, -3], size: [1, 2], angle: 30 deg}",
+    "polygon": "{corners: [[-3, 3], [-4, 3], [-4, 4]]}",
+    "half_plane": "{point: [0, -5], normal: [0, 1]}",
+}
+
+
+def text_with(kinds):
+    plane = any(KINDS[kind].dimension == 2 for kind in kinds)
+    lines = "".join(f"  - {kind}: {AROUND[kind]}\n" for kind in kinds)
+    return f"{CAR if plane else ROBOT}obstacles:\n{lines}constraints: {{distance: 0.1}}\n"
+
+
+@pytest.mark.parametrize("numbers", [2, 3])
+def test_every_kind_is_read_written_and_drawn(numbers):
+    kinds = [kind for kind in KINDS if KINDS[kind].dimension == numbers]
+    problem = parse_problem(text_with(kinds))
+    assert [obstacle.kind for obstacle in problem.obstacles] == kinds
+    again = parse_problem(dump_problem(problem.with_()))
+    assert again.with_(name=problem.name) == problem.with_(name=problem.name)
+    assert again.obstacles == problem.obstacles
+    low, high = seen.widened(problem.system, np.full(numbers, -6.0), np.full(numbers, 6.0))
+    for obstacle in problem.obstacles:
+        for face in seen.faces(obstacle, np.full(numbers, -60.0), np.full(numbers, 60.0)):
+            assert face.shape[1] == numbers
+            np.testing.assert_allclose(face[0], face[-1])
+    parts = seen.parts(problem.system, np.full(numbers, -60.0), np.full(numbers, 60.0))
+    assert {part["name"] for part in parts} == {obstacle.name for obstacle in problem.obstacles}
+    assert {part["values"].shape[-1] for part in parts} == {numbers}
+    assert (low <= -6).all()
+    assert (high >= 6).all()
+
+
+@pytest.mark.parametrize(
+    ("changed", "place", "words"),
+    [
+        ("sphere: {centre: [8, 0, 41], radius: 3}", None, None),
+        ("spere: {centre: [8, 0, 41], radius: 3}", "6:5", "did you mean 'sphere'"),
+        ("sphere: {center: [8, 0, 41], radius: 3}", "6:14", "did you mean 'centre'"),
+        ("sphere: {centre: [8, 0], radius: 3}", "6:22", "2"),
+        ("sphere: {centre: [8, 0, 41], radius: -3}", "6:42", "not positive"),
+        ("sphere: {centre: [8, 0, 41]}", "6:5", "radius"),
+        ("half_space: {point: [0, 0, 0], normal: [0, 0, 0]}", "6:44", "zero vector"),
+        ("disc: {centre: [8, 0], radius: 3}", "6:5", "in space; expected one of sphere"),
+        ("mesh: {points: [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]]}", "6:20", "lie in a plane"),
+        ("mesh: {}", "6:5", "points"),
+        ("mesh: {file: missing.stl}", "6:18", "cannot read"),
+    ],
+)
+def test_what_is_no_obstacle_is_refused_at_its_place(changed, place, words):
+    text = f"{ROBOT}obstacles:\n  - {changed}\n"
+    if place is None:
+        assert read_text(text, "p.yaml").problem.obstacles
+        return
+    with pytest.raises(nhpocp.InvalidProblemError) as refused:
+        read_text(text, "p.yaml")
+    assert str(refused.value).startswith(f"p.yaml:{place}: obstacles[0]"), refused.value
+    assert words in str(refused.value)
+
+
+def test_a_polygon_with_a_dent_and_a_system_without_bodies_are_refused():
+    dent = "obstacles: [{polygon: {corners: [[0, 0], [4, 0], [4, 4], [3, 1]]}}]\n"
+    with pytest.raises(nhpocp.InvalidProblemError, match=r"obstacles\[0\]\.polygon\.corners: .*not convex"):
+        read_text(CAR + dent)
+    with pytest.raises(nhpocp.InvalidProblemError, match="heisenberg has no bodies"):
+        nhpocp.PlanningProblem(
+            system=nhpocp.Heisenberg(),
+            start={"x": 0, "y": 0, "z": 0},
+            goal={"z": 1},
+            obstacles=[{"disc": {"centre": [3, 3], "radius": 1}}],
+        )
+    with pytest.raises(nhpocp.InvalidProblemError, match="name obstacles"):
+        read_text(CAR + "constraints: {distance: 0.1}\n")
+
+
+def tetrahedron(file, text):
+    corners = np.array([[0, 0, 50], [4, 0, 50], [0, 4, 50], [0, 0, 54]], dtype="<f4")
+    triangles = [corners[list(face)] for face in ((0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3))]
+    if text:
+        lines = ["".join(f"vertex {x} {y} {z}\n" for x, y, z in triangle) for triangle in triangles]
+        file.write_text("solid t\n" + "".join(f"facet\nouter loop\n{each}endloop\n" for each in lines))
+        return
+    records = [np.zeros(3, "<f4").tobytes() + each.tobytes() + b"\0\0" for each in triangles]
+    file.write_bytes(b" " * 80 + (4).to_bytes(4, "little") + b"".join(records))
+
+
+@pytest.mark.parametrize("text", [True, False])
+def test_a_mesh_beside_the_problem_goes_into_the_folder(tmp_path, text):
+    tetrahedron(tmp_path / "part.stl", text)
+    file = tmp_path / "p.yaml"
+    file.write_text(
+        f"{ROBOT}obstacles:\n  - mesh: {{file: part.stl}}  # a part\nconstraints: {{distance: 1}}\n"
+    )
+    problem = nhpocp.load_problem(file)
+    assert len(problem.obstacles[0].shape.corners) == 4
+    (tmp_path / "part.stl").unlink()
+    again = parse_problem(problem.source)
+    assert again.obstacles == problem.obstacles
+    assert "# a part" in problem.source
+
+
+def test_a_mesh_with_a_dent_is_refused(tmp_path):
+    corners = np.array([[0, 0, 0], [4, 0, 0], [0, 4, 0], [0, 0, 4], [1, 1, 1]], dtype=float)
+    faces = [(0, 1, 2), (0, 1, 3), (0, 2, 3), (4, 1, 2), (4, 1, 3), (4, 2, 3)]
+    lines = "".join(f"vertex {' '.join(map(str, corners[i]))}\n" for face in faces for i in face)
+    (tmp_path / "dent.stl").write_text(lines)
+    file = tmp_path / "p.yaml"
+    file.write_text(f"{ROBOT}obstacles: [{{mesh: {{file: dent.stl}}}}]\n")
+    with pytest.raises(nhpocp.InvalidProblemError, match=r"mesh\.file: .*not convex"):
+        nhpocp.load_problem(file)
+
+
+@pytest.mark.parametrize("model", SYSTEMS.lines)
+def test_bodies_have_one_dimension_and_touch_only_each_other(model):
+    system = SYSTEMS[model]()
+    if not system.has_bodies:
+        assert system.among(()).surroundings.pairs == ()
+        return
+    bodies = system._bodies_somewhere()
+    assert {len(corner) for body in bodies.values() for corner in body.corners} == {
+        system.dimension_of_bodies
+    }
+    for pair in system.among(()).surroundings.pairs:
+        assert set(pair) <= set(bodies)
+
+
+def test_the_robot_s_legs_touch_their_plates_and_no_other_pair_does():
+    robot = nhpocp.ThreeUPU(leg_radius=1.5).among(())
+    assert robot.surroundings.pairs == (
+        ("base", "platform"),
+        ("leg 1", "leg 2"),
+        ("leg 1", "leg 3"),
+        ("leg 2", "leg 3"),
+    )
+    assert robot.with_(form="original").surroundings == robot.surroundings
+    assert robot.among(None).surroundings is None
+
+
+def test_a_pose_in_collision_is_named_before_the_solve():
+    problem = parse_problem(
+        f"{ROBOT}obstacles: [{{capsule: {{from: [-12, -12, 20], to: [-12, 10, 26], radius: 2}}}}]\n"
+        "constraints: {distance: 1}\n"
+    )
+    solution = nhpocp.solve(problem)
+    assert solution.outcome.value == "infeasible"
+    assert "the start itself breaks distance[leg 3, capsule 1]" in solution.message
+
+
+LEGS_CROSS = {  # of the plan that minds no distance legs 2 and 3 overlap on the way
+    "position": [-0.334619, 14.660861, 34.244102],
+    "orientation": {
+        "matrix": [
+            [-0.55719617, 0.80941557, 0.18541537],
+            [-0.63130776, -0.55797254, 0.53862524],
+            [0.53942835, 0.18306576, 0.8218905],
+        ]
+    },
+}
+
+
+def test_legs_that_would_collide_on_the_way_are_led_around_each_other():
+    robot = nhpocp.ThreeUPU(leg_radius=1.5)
+    start = {"position": [0, 0, 25], "orientation": {"rpy": [0, 0, -np.pi / 6]}}
+    free = nhpocp.PlanningProblem(system=robot, start=start, goal=LEGS_CROSS, pictures=False)
+    plan = nhpocp.solve(free)
+    assert plan.converged
+    bounded = free.with_(bounds={"distance": 0.5})
+    blind = nhpocp.verify(replace(plan, problem=bounded))
+    assert not blind.ok
+    assert "distance[leg 2, leg 3]" in " ".join(blind.reasons)
+    solution = nhpocp.solve(bounded)
+    assert solution.converged, solution.message
+    assert solution.trajectory["distance"].min() > 0.4995
+
+
+@pytest.fixture(scope="module")
+def parked():
+    problem = nhpocp.load_problem(GALLERY / "parallel_parking.yaml")
+    return nhpocp.solve(problem.with_(pictures=False))
+
+
+def test_without_the_library_a_second_formula_measures_and_is_named(parked, monkeypatch):
+    assert parked.converged
+    assert parked.verdict.method.endswith("distances by python-fcl")
+    (report,) = [report for report in parked.verdict.bounds if report.bound.label == "distance"]
+    imported = builtins.__import__
+
+    def without(name, *more, **named):
+        if name == "fcl":
+            raise ImportError
+        return imported(name, *more, **named)
+
+    monkeypatch.setattr(builtins, "__import__", without)
+    verdict = nhpocp.verify(parked)
+    (again,) = [each for each in verdict.bounds if each.bound.label == "distance"]
+    assert 'pip install "nhpocp[distances]"' in verdict.method
+    assert verdict.ok
+    assert again.name == report.name
+    assert again.value == pytest.approx(report.value, abs=1e-12)
+
+
+def test_what_is_passed_between_the_samples_is_seen(monkeypatch):
+    """A body that flies past a thin wall's corner within one interval of samples."""
+    from nhpocp.verification.distances import Distances
+
+    car = nhpocp.Unicycle().among(
+        nhpocp.PlanningProblem(
+            system=nhpocp.Unicycle(),
+            start={"x": 0, "y": 0, "theta": 0},
+            goal={"x": 9},
+            obstacles=[{"disc": {"centre": [5, 0.4], "radius": 0.2}}],
+        ).obstacles
+    )
+
+    def path(times):
+        return np.c_[10 * np.asarray(times), np.zeros((len(times), 2))]
+
+    times = np.array([0.0, 0.3, 0.8, 1.0])  # far away at each of them
+    distances = Distances(car)
+    assert distances.measure(distances.corners(path(times)), 0).min() > 1
+    more, values, bounded = distances.along(path, times, np.array([0.2]))
+    assert bounded
+    assert len(more) > len(times)
+    assert values.min() == pytest.approx(0.1, abs=0.02)
+
+
+def test_a_folder_shows_its_distances(parked, tmp_path, capsys):
+    folder = nhpocp.save_solution(parked, tmp_path / "plan")
+    again = nhpocp.load_solution(folder)
+    assert again.problem.obstacles == parked.problem.obstacles
+    assert status(["verify", str(folder), "--json"]) == 0
+    assert status(["plot", str(folder)]) == 0
+    capsys.readouterr()
+    assert (folder / "distances.png").stat().st_size > 5000
+    stored = json.loads((folder / "solution.json").read_text())
+    assert stored["constraints"]["distance"]["ok"]
+    header = (folder / "trajectory.csv").read_text().partition("\n")[0].split(",")
+    assert [name for name in header if name.startswith("distance")] == [f"distance_{k}" for k in (1, 2, 3)]
+
+
+@pytest.mark.parametrize("solver", ["jacobian", "nlp"])
+def test_the_cone_of_each_leg_is_kept_from_its_direction_at_the_start(solver):
+    free = paper_problem(pictures=False)
+    limit = np.radians(8)
+    problem = free.with_(bounds={"joint_angle": {"cone": {"max": limit}}})
+    made = nhpocp.MultipleShooting(intervals=20) if solver == "nlp" else nhpocp.Continuation()
+    solution = nhpocp.solve(problem, made)
+    assert solution.converged, solution.message
+    cones = solution.trajectory["joint_cones"]
+    np.testing.assert_allclose(cones[0], 0, atol=1e-12)
+    assert cones.max() <= limit * 1.001
+    if solver == "jacobian":  # without the bound its plan goes to 9.28°
+        loose = free.with_(bounds={"joint_angle": {"cone": {"max": 1}}})
+        assert nhpocp.solve(loose, made).trajectory["joint_cones"].max() > 1.1 * limit
+    first, last = (
+        np.array([pose.g for pose in problem.system.leg_poses(point)])
+        for point in (problem.start_point, problem.goal_point)
+    )
+    np.testing.assert_allclose(cones[-1], np.arccos((first * last).sum(axis=1)), atol=1e-3)
