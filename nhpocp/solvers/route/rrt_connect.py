@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import atexit
+import gc
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from time import monotonic
 from typing import Any
 
@@ -43,6 +46,7 @@ def installed() -> bool:
     return True
 
 
+@cache
 def _ompl() -> tuple[Any, Any, Any]:
     """OMPL's modules base, geometric and util. Errors: `MissingDependencyError` with the line that installs it."""
     try:
@@ -50,6 +54,9 @@ def _ompl() -> tuple[Any, Any, Any]:
     except ImportError:
         raise MissingDependencyError(MISSING) from None
     util.setLogLevel(util.LOG_NONE)
+    atexit.register(
+        gc.unfreeze
+    )  # what the program froze at its end is not collected, of which OMPL would complain
     return base, geometric, util
 
 

@@ -263,7 +263,8 @@ def test_ompl_is_quiet(tmp_path):
     code = (
         "import goals; from nhpocp.solvers.route.find_route import find_route\n"
         f"task = goals.random_robot_task({BENT})\n"
-        f"print(len(find_route(task.towards(goals.walked_goal(task, {BENT})), 60.0, 0).route.waypoints))"
+        f"print(len(find_route(task.towards(goals.walked_goal(task, {BENT})), 60.0, 0).route.waypoints))\n"
+        "import gc; gc.freeze()  # as the command line does\n"
     )
     done = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, cwd="scripts", check=True
