@@ -46,7 +46,6 @@ def installed() -> bool:
     return True
 
 
-@cache
 def _ompl() -> tuple[Any, Any, Any]:
     """OMPL's modules base, geometric and util. Errors: `MissingDependencyError` with the line that installs it."""
     try:
@@ -54,10 +53,14 @@ def _ompl() -> tuple[Any, Any, Any]:
     except ImportError:
         raise MissingDependencyError(MISSING) from None
     util.setLogLevel(util.LOG_NONE)
-    atexit.register(
-        gc.unfreeze
-    )  # what the program froze at its end is not collected, of which OMPL would complain
+    _collected_at_exit()
     return base, geometric, util
+
+
+@cache
+def _collected_at_exit() -> None:
+    """OMPL complains at exit of what is left of it, and what the program has frozen is not collected."""
+    atexit.register(gc.unfreeze)
 
 
 def grown(
