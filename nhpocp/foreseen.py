@@ -84,8 +84,10 @@ def singular_goal(problem: PlanningProblem) -> tuple[str, str]:
     """
     system = problem.system
     names = {sigma(name).name: name for name in system.separating()}
-    for quantity, least in of_the_pose(problem, problem.goal, names).items():
-        if not least > ON_THE_SURFACE:
+    with np.errstate(all="ignore"):  # of a pose where a joint has no direction
+        margins = of_the_pose(problem, problem.goal, names)
+    for quantity, least in margins.items():
+        if least <= ON_THE_SURFACE:
             letter = det(names[quantity]).letter
             words = f"lies on det {letter} = 0, where σ_min({letter}) is {least:.2g}"
             return names[quantity], words
