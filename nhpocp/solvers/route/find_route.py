@@ -46,6 +46,7 @@ def lacking(problem: PlanningProblem) -> str:
     return ""
 
 
+@np.errstate(all="ignore")  # a pose whose numbers are not finite is not valid
 def find_route(
     problem: PlanningProblem,
     seconds: float,

@@ -77,9 +77,14 @@ def grown(
     space = packing.space(base)
     information = base.SpaceInformation(space)
 
+    deadline = monotonic() + seconds
+
+    def over() -> bool:
+        return monotonic() > deadline or stopped()
+
     class Edges(base.MotionValidator):  # type: ignore[name-defined]
-        def checkMotion(self, here: Any, there: Any, *last: Any) -> bool:
-            return poses.free(packing.point(here), packing.point(there))
+        def checkMotion(self, here: Any, there: Any, *last: Any) -> bool:  # OMPL advances as long as it may
+            return not over() and poses.free(packing.point(here), packing.point(there))
 
     validator = Edges(information)
     information.setMotionValidator(validator)
@@ -94,9 +99,7 @@ def grown(
     planner.setRange(RANGE)
     planner.setProblemDefinition(definition)
     planner.setup()
-    deadline = monotonic() + seconds
-    over = base.PlannerTerminationCondition(lambda: monotonic() > deadline or stopped())
-    planner.solve(over)
+    planner.solve(base.PlannerTerminationCondition(over))
     waypoints = None
     if definition.hasExactSolution():
         states = definition.getSolutionPath().getStates()

@@ -228,6 +228,16 @@ def test_a_route_is_shorter_after_shortening_and_still_valid(bent, bent_route):
     assert len(shorter.waypoints) <= len(longer.waypoints)
 
 
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+@pytest.mark.parametrize("far", [1e7, 1e155, 1e300])
+@pytest.mark.parametrize("end", ["start", "goal"])
+def test_what_is_farther_than_anybody_looks_has_no_route(far, end):
+    beyond = paper_problem(**{end: {"position": [far, far, far], "orientation": np.eye(3)}})
+    search = find_route(beyond, 0.05, seed=0)
+    assert search.route is None
+    assert "no route was found" in search.words
+
+
 def test_problems_that_no_route_serves_say_why():
     assert lacking(paper_problem()) == ""
     assert "drift" in lacking(
