@@ -69,6 +69,8 @@ def find_route(
         return RouteSearch(words=f"around what is in the way of the straight motion, {MISSING}")
     for clearance, share in CLEARANCES.items():
         poses = _poses(problem, clearance)
+        if words := _ends_nowhere(problem, poses):
+            continue
         trees = grown(problem, poses, share * seconds, seed, stopped)
         if trees.waypoints is not None:
             route = Route(trees.waypoints, poses).shortened(np.random.default_rng(seed))
@@ -81,6 +83,15 @@ def find_route(
 
 def _poses(problem: PlanningProblem, clearance: float) -> Poses:
     return Poses(problem, pose_checks(problem, least_margins(problem, clearance)))
+
+
+def _ends_nowhere(problem: PlanningProblem, poses: Poses) -> str:
+    """Which end no route can leave, in words; empty where there is none."""
+    for end, point in (("start", problem.start_point), ("goal", problem.goal_point)):
+        for check, slack in zip(poses.checks.checks, poses.checks.slacks(point[None])[0], strict=True):
+            if not slack > 0:
+                return f"no route leads from or to the {end}, which is refused by {check.name}"
+    return ""
 
 
 def _found(problem: PlanningProblem, route: Route, clearance: float) -> RouteSearch:

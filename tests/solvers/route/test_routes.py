@@ -24,9 +24,11 @@ from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.route_manoeuvres import RouteManoeuvres
 from nhpocp.solvers.continuation.settings import JacobianSettings
 from nhpocp.solvers.continuation.step_rules import Adaptive
+from nhpocp.solvers.route import find_route as find_route_module
 from nhpocp.solvers.route.find_route import find_route, lacking
 from nhpocp.solvers.route.pose_checks import least_margins, pose_checks
 from nhpocp.solvers.route.route import Poses, Route
+from nhpocp.solvers.route.rrt_connect import Trees
 from nhpocp.systems.numeric import numeric_system
 from tests.conftest import paper_problem, yaw
 
@@ -148,11 +150,21 @@ def test_the_end_of_a_search_without_a_route_says_how_near_it_came(bent):
 
 
 def test_what_refused_most_is_named(bent):
-    """A box around the start: the goal's tree cannot leave the goal."""
+    """Trees that did not grow, since their straight motion was refused three times."""
+    poses = Poses(bent, pose_checks(bent, least_margins(bent, 0.5)))
+    ends = np.stack([bent.start_point, bent.goal_point])
+    assert not any(poses.free(*ends) for _ in range(3))
+    words = find_route_module._growth(bent, poses, Trees(None, *ends[:, None]), 1.0)
+    refusals = poses.checks.refusals
+    most = max(refusals, key=lambda name: refusals[name])
+    assert words.endswith(f"most refused by {most} ({refusals[most]} of {sum(refusals.values())})")
+
+
+def test_a_goal_out_of_bounds_is_named_at_once(bent):
     position = np.asarray(bent.start["position"])
     box = Bound("state.position", "position", position - 1.0, position + 1.0)
-    words = find_route(bent.with_(bounds=[box]), 1.0, 0).words
-    assert "most refused by state.position (" in words
+    words = find_route(bent.with_(bounds=[box]), 60.0, 0).words
+    assert words == "no route leads from or to the goal, which is refused by state.position"
 
 
 def test_manoeuvres_along_a_route_stay_clear_of_what_it_avoids(followed):
@@ -235,7 +247,13 @@ def test_what_is_farther_than_anybody_looks_has_no_route(far, end):
     beyond = paper_problem(**{end: {"position": [far, far, far], "orientation": np.eye(3)}})
     search = find_route(beyond, 0.05, seed=0)
     assert search.route is None
-    assert "no route was found" in search.words
+    assert search.words.startswith("no route")
+
+
+def test_an_end_on_a_singular_surface_is_named_at_once():
+    singular = nhpocp.ThreeUPU(10.0, 10.0, np.pi / 2, "normal")
+    beside = paper_problem(system=singular, start={"position": [0, 0, 25], "orientation": yaw(0.0)})
+    assert "no route leads from or to the start" in find_route(beside, 60.0, seed=0).words
 
 
 def test_problems_that_no_route_serves_say_why():
