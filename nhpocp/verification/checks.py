@@ -320,8 +320,8 @@ class Check:
 
     def _measured(self, bound: Bound) -> BoundReport:
         """A bound on distances, by another measurement, between the samples too."""
-        distances, times = Distances(self.system), np.unique(self.samples.times)
-        shape = (len(self.system.surroundings.pairs),)
+        around, times = self.system.surroundings, np.unique(self.samples.times)
+        distances, shape = Distances(self.system, around), (len(around.pairs),)
         lower, size = (
             np.broadcast_to(np.asarray(side, dtype=float), shape) for side in (bound.lower, bound.sizes[0])
         )

@@ -17,6 +17,7 @@ import numpy as np
 
 from nhpocp.arrays import Array
 from nhpocp.bodies.hull import HalfSpace, Hull
+from nhpocp.bodies.surroundings import Surroundings
 from nhpocp.calls import call, mapped
 from nhpocp.systems.system import System
 
@@ -41,11 +42,10 @@ def _fcl() -> Any:
 
 
 class Distances:
-    """Measures the pairs of one system along its paths."""
+    """Measures the pairs of a system among its surroundings along paths."""
 
-    def __init__(self, system: System) -> None:
-        assert system.surroundings is not None
-        self._system, self._surroundings = system, system.surroundings
+    def __init__(self, system: System, surroundings: Surroundings) -> None:
+        self._system, self._surroundings = system, surroundings
         self._shapes = self._surroundings.shapes()
         x = ca.SX.sym("x", system.state_space.size)
         self._bodies: Mapping[str, Hull] = system.bodies(x)

@@ -253,7 +253,7 @@ def test_what_is_passed_between_the_samples_is_seen(monkeypatch):
         return np.c_[10 * np.asarray(times), np.zeros((len(times), 2))]
 
     times = np.array([0.0, 0.3, 0.8, 1.0])  # far away at each of them
-    distances = Distances(car)
+    distances = Distances(car, car.surroundings)
     assert distances.measure(distances.corners(path(times)), 0).min() > 1
     more, values, bounded = distances.along(path, times, np.array([0.2]))
     assert bounded
