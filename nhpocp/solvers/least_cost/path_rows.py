@@ -210,8 +210,9 @@ def _quantity_functions(system: System, name: str) -> tuple[ca.Function, ca.Func
     """(x, u) ↦ a quantity's components row by row, (x, u) ↦ their derivative by (x, u), and the quantity's shape."""
     x, u = ca.SX.sym("x", system.state_space.size), ca.SX.sym("u", system.input_space.size)
     value = ca.densify(ca.SX(quantity(system, name, x, u)))
-    flat = ca.reshape(value.T, -1, 1)
-    slope = ca.densify(ca.jacobian(flat, ca.vertcat(x, u)))
+    flat = ca.cse(ca.reshape(value.T, -1, 1))
+    # rows of distances have little in common: one sweep backwards for each, not one through all of them for each state
+    slope = ca.densify(ca.jacobian(flat, ca.vertcat(x, u), {"allow_forward": False}))
     shape = tuple(size for size in value.shape if size != 1)
     return ca.Function("quantity", [x, u], [flat]), ca.Function("slope", [x, u], [slope]), shape
 
