@@ -22,8 +22,8 @@ class Hull:
 
     edges: pairs of corners; faces: corners in order around. rank: dimension of the hull, from 0 for a point.
     directions: edges of which no two are parallel; sides: faces of which no two are. fixed: stands still whatever the
-    state. touches: names of bodies that this one meets by construction. half: half lengths of a `box`, whose corners are
-    then in that function's order.
+    state. touches: names of bodies that this one meets by construction. half: half lengths of a `box`, which has its
+    corners in that function's order.
     """
 
     corners: tuple[Array, ...]
