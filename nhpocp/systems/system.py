@@ -262,6 +262,10 @@ class System(Frozen, Shown):
         """2 in the plane, 3 in space."""
         return next(iter(self._bodies_somewhere().values())).dimension
 
+    @property
+    def names_of_bodies(self) -> tuple[str, ...]:
+        return tuple(self._bodies_somewhere())
+
     def _bodies_somewhere(self) -> dict[str, Hull]:
         """The bodies at some state, for what no state changes of them."""
         import numpy as np

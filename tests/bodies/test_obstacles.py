@@ -218,7 +218,7 @@ def parked():
 
 def test_without_the_library_a_second_formula_measures_and_is_named(parked, monkeypatch):
     assert parked.converged
-    assert parked.verdict.method.endswith("distances by python-fcl")
+    assert parked.verdict.method.endswith("distances by python-fcl, those from half spaces by the heights of corners")
     (report,) = [report for report in parked.verdict.bounds if report.bound.label == "distance"]
     imported = builtins.__import__
 

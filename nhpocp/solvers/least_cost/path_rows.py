@@ -14,7 +14,7 @@ import casadi as ca
 import numpy as np
 
 from nhpocp.arrays import Array
-from nhpocp.calls import call, mapped
+from nhpocp.calls import call, mapped, side_by_side
 from nhpocp.constraints.bound import Bound, BoundReport, check_bounds, in_shape
 from nhpocp.controls.basis import ControlBasis
 from nhpocp.controls.control import Control
@@ -195,11 +195,11 @@ class _Boxed(_Family):
         self._sides, self._inputs = _sides(bound, shape), system.input_space.size
 
     def values(self, states: Array, controls: Array) -> Array:
-        (values,) = call(mapped(self._value, len(states)), states, controls)
+        (values,) = call(side_by_side(self._value, len(states)), states, controls)
         return self._sides.rows(values.reshape(len(states), -1))
 
     def slopes(self, states: Array, controls: Array) -> tuple[Array, Array]:
-        (slopes,) = call(mapped(self._slope, len(states)), states, controls)
+        (slopes,) = call(side_by_side(self._slope, len(states)), states, controls)
         numbers = states.shape[1] + self._inputs
         scaled = self._sides.scaled(slopes.reshape(len(states), numbers, -1).swapaxes(1, 2))
         return scaled[:, :, : -self._inputs], scaled[:, :, -self._inputs :]

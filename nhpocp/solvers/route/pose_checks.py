@@ -12,7 +12,7 @@ import casadi as ca
 import numpy as np
 
 from nhpocp.arrays import Array
-from nhpocp.calls import call, mapped
+from nhpocp.calls import call, side_by_side
 from nhpocp.constraints.bound import Bound, in_shape
 from nhpocp.objectives.quantity import quantity
 from nhpocp.problem import PlanningProblem
@@ -196,7 +196,7 @@ class PoseChecks:
             size = len(parts[0])
             lanes = np.arange(1 << (size - 1).bit_length())
             padded = (rows.take(lanes, axis=0, mode="clip") for rows in parts)
-            results.append(call(mapped(function, len(lanes)), *padded)[0][:size])
+            results.append(call(side_by_side(function, len(lanes)), *padded)[0][:size])
         return np.concatenate(results)
 
 
