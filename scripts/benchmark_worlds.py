@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
 """How many of the goals among obstacles `auto` reaches, and what the NLP makes of its plans.
 
-Worlds at random (`worlds.py`), half of them robots, half unicycles and cars, among 3 to 8 obstacles, some of them in the
-way of the straight motion; a walk that keeps clear of them leads to every goal. Success is what `nhpocp.solve` verifies;
-the least distance at 1001 times is measured again here, by fcl's own capsules, balls and convex bodies, and has to be
-0.99 of the bound.
+Worlds at random (`worlds.py`), half of them robots, half unicycles and cars, among 3 to 8 obstacles, some of them in
+the way of the straight motion; a walk that keeps clear of them leads to every goal. Success is what `nhpocp.solve`
+verifies; the least distance at 1001 times is measured again here, by fcl's own capsules, balls and convex bodies, and
+has to be 0.99 of the bound.
 Run: .venv/bin/python scripts/benchmark_worlds.py [--worlds 60] [--first 0] [--only robots] [--nlp] [--free]
 Rows are appended to results/worlds.jsonl as they come, and worlds found there are not solved again.
 """
