@@ -25,6 +25,7 @@ from nhpocp.solvers.continuation.route_manoeuvres import RouteManoeuvres
 from nhpocp.solvers.continuation.settings import JacobianSettings
 from nhpocp.solvers.continuation.step_rules import Adaptive
 from nhpocp.solvers.route import find_route as find_route_module
+from nhpocp.solvers.route.easing import eased
 from nhpocp.solvers.route.find_route import find_route, lacking
 from nhpocp.solvers.route.pose_checks import least_margins, pose_checks
 from nhpocp.solvers.route.route import Poses, Route
@@ -232,12 +233,24 @@ def test_a_half_turn_is_no_straight_part():
     assert not np.isfinite(poses.tangent(np.asarray(back), problem.start_point)[1])
 
 
-def test_a_route_is_shorter_after_shortening_and_still_valid(bent, bent_route):
+def test_an_eased_route_takes_fewer_manoeuvres_and_is_valid(bent, bent_route):
     poses = bent_route.route.poses
-    longer = Route(np.insert(bent_route.route.waypoints, 1, bent_route.route.at(0.01), axis=0), poses)
-    shorter = longer.shortened(np.random.default_rng(0))
-    assert shorter.length <= longer.length
-    assert len(shorter.waypoints) <= len(longer.waypoints)
+    ends = bent.start_point, bent.goal_point
+    laborious = Route(np.insert(bent_route.route.waypoints, 1, bent_route.route.at(0.01), axis=0), poses)
+    easier = eased(laborious, np.random.default_rng(0))
+    assert easier.manoeuvres(0.0, easier.length) <= laborious.manoeuvres(0.0, laborious.length)
+    path = np.array([easier.at(length) for length in np.linspace(0.0, easier.length, 1001)])
+    assert poses.checks.slacks(path).min() > 0
+    np.testing.assert_allclose(easier.waypoints[[0, -1]], ends, atol=1e-9)
+
+
+def test_a_route_by_another_way_keeps_the_rest(bent_route):
+    route = bent_route.route
+    first, last = 0.3 * route.length, 0.6 * route.length
+    same = route.by(first, [route.at(first), route.at(last)], last)
+    for length in (0.1 * route.length, first):
+        np.testing.assert_allclose(same.at(length), route.at(length), atol=1e-9)
+    np.testing.assert_array_equal(same.waypoints[-1], route.waypoints[-1])
 
 
 @pytest.mark.filterwarnings("error::RuntimeWarning")
