@@ -12,7 +12,7 @@ from nhpocp.arrays import Array
 from nhpocp.problem import PlanningProblem
 from nhpocp.solvers.route.easing import eased
 from nhpocp.solvers.route.loops import Loops, known_loops
-from nhpocp.solvers.route.pose_checks import PoseChecks, least_margins, pose_checks
+from nhpocp.solvers.route.pose_checks import PoseChecks, pose_checks
 from nhpocp.solvers.route.route import Poses, Route
 from nhpocp.solvers.route.rrt_connect import MISSING, Trees, grown, installed
 
@@ -85,7 +85,7 @@ def find_route(
 
 
 def _poses(problem: PlanningProblem, clearance: float, loops: Loops | None, most: float) -> Poses:
-    checks = pose_checks(problem, least_margins(problem, clearance))
+    checks = pose_checks(problem, clearance)
     return Poses(problem, checks, loops, most if loops else np.inf)
 
 
@@ -100,7 +100,7 @@ def _ends_nowhere(problem: PlanningProblem, poses: Poses) -> str:
 
 def _found(problem: PlanningProblem, route: Route, clearance: float, seed: int) -> RouteSearch:
     route = eased(route, np.random.default_rng(seed))
-    return RouteSearch(route, pose_checks(problem, least_margins(problem, KEPT * clearance)))
+    return RouteSearch(route, pose_checks(problem, KEPT * clearance))
 
 
 def _growth(problem: PlanningProblem, poses: Poses, trees: Trees, seconds: float) -> str:

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+
+import casadi as ca
 import numpy as np
 
 from nhpocp.arrays import Array
+from nhpocp.calls import of_many
 from nhpocp.problem import PlanningProblem
 from nhpocp.singular_values import svd
 from nhpocp.systems.brackets import LieAlgebra, TooLargeError
@@ -21,28 +25,35 @@ class Loops:
 
     def __init__(self, problem: PlanningProblem) -> None:
         scales = problem.scales
-        self.inputs, self._states = scales.inputs * scales.time, scales.states
-        self._algebra = LieAlgebra(problem.system)
-        self._pairs: list[tuple[int, int]] = []
-        try:
-            deep = problem.system.driftless and self._algebra.deepen()
-        except TooLargeError:
-            deep = False
-        if deep:
-            words = self._algebra.layers[1].words
-            self._pairs = [(word.parts[0].letter, word.parts[1].letter) for word in words if word.parts]
+        self._inputs, self._states = scales.inputs * scales.time, scales.states
+        algebra = LieAlgebra(problem.system)
+        layers = algebra.layers
+        with suppress(TooLargeError):
+            if problem.system.driftless:
+                algebra.deepen()
+        self._pairs = [
+            (word.parts[0].letter, word.parts[1].letter)
+            for layer in layers[1:]
+            for word in layer.words
+            if word.parts
+        ]
+        factors = [*self._inputs, *(self._inputs[i] * self._inputs[j] for i, j in self._pairs)]
+        pose = ca.SX.sym("x", problem.system.state_space.size)
+        columns = ca.horzcat(*(layer.function(pose) for layer in layers)) @ ca.diag(ca.DM(factors))
+        scaled = ca.diag(ca.DM(1.0 / self._states)) @ columns
+        self._function = ca.Function("columns", [pose], ca.cse([ca.densify(ca.vec(scaled))]))
 
     def spans(self, pose: Array) -> bool:
         """Whether fields and brackets reach every direction at a pose."""
         values = svd(self._columns(pose[None]), compute_uv=False)[0]
-        return len(values) == len(self._states) <= len(self.inputs) + len(self._pairs) and bool(
+        return len(values) == len(self._states) <= len(self._inputs) + len(self._pairs) and bool(
             values[-1] > NOTHING * values[0]
         )
 
     def parts(self, poses: Array, tangent: Array) -> tuple[Array, Array]:
         """a (k, inputs) and b (k, pairs), of least size, for one tangent (dimension,) at poses (k, size)."""
         numbers = np.linalg.pinv(self._columns(poses), rcond=NOTHING) @ (tangent / self._states)
-        return numbers[:, : len(self.inputs)], numbers[:, len(self.inputs) :]
+        return numbers[:, : len(self._inputs)], numbers[:, len(self._inputs) :]
 
     def areas(self, poses: Array, tangent: Array) -> Array:
         """|b| (k,)."""
@@ -50,18 +61,14 @@ class Loops:
 
     def skew(self, numbers: Array) -> Array:
         """b (pairs,) as a skew matrix (inputs × inputs)."""
-        areas = np.zeros((len(self.inputs),) * 2)
+        areas = np.zeros((len(self._inputs),) * 2)
         for (i, j), area in zip(self._pairs, numbers, strict=True):
             areas[i, j], areas[j, i] = area, -area
         return areas
 
     def _columns(self, poses: Array) -> Array:
         """Fields and brackets in units of the scales, (k, dimension, inputs + pairs); 0 where they are not finite."""
-        columns = self._algebra.layers[0].at(poses) * self.inputs
-        if self._pairs:
-            factors = [self.inputs[i] * self.inputs[j] for i, j in self._pairs]
-            columns = np.concatenate([columns, self._algebra.layers[1].at(poses) * factors], axis=2)
-        columns = columns / self._states[:, None]
+        columns = of_many(self._function, poses).reshape(len(poses), -1, len(self._states)).swapaxes(1, 2)
         return np.where(np.isfinite(columns).all(axis=(1, 2))[:, None, None], columns, 0.0)
 
 

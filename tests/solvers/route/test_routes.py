@@ -94,7 +94,7 @@ SHIFT = st.floats(-1.5, 1.5)
 def spaces():
     """Poses of several robots, measured."""
     problems = [walked(seed) for seed in (0, 2, 5)]
-    return [(p, Poses(p, pose_checks(p, least_margins(p, 0.2)))) for p in problems]
+    return [(p, Poses(p, pose_checks(p, 0.2))) for p in problems]
 
 
 @settings(max_examples=60, deadline=None)
@@ -122,7 +122,7 @@ def test_bounds_that_a_pose_can_break_are_checked_and_rates_are_not():
         "joint_angle": {"theta4": [-1.5, 1.5]},
     }
     problem = paper_problem(bounds=bounds)
-    checks = pose_checks(problem, least_margins(problem, 0.2))
+    checks = pose_checks(problem, 0.2)
     names = [check.name for check in checks.checks]
     assert names[2:] == ["leg_length", "joint_angle.theta4"]
     assert "det S = 0" in names[0]
@@ -152,7 +152,7 @@ def test_the_end_of_a_search_without_a_route_says_how_near_it_came(bent):
 
 def test_what_refused_most_is_named(bent):
     """Trees that did not grow, since their straight motion was refused three times."""
-    poses = Poses(bent, pose_checks(bent, least_margins(bent, 0.5)))
+    poses = Poses(bent, pose_checks(bent, 0.5))
     ends = np.stack([bent.start_point, bent.goal_point])
     assert not any(poses.free(*ends) for _ in range(3))
     words = find_route_module._growth(bent, poses, Trees(None, *ends[:, None]), 1.0)
@@ -218,7 +218,7 @@ def test_a_car_does_not_turn_its_wheels_across():
         start={"x": 0, "y": 0, "theta": 0, "phi": 0},
         goal={"x": 1, "y": 0, "theta": 0, "phi": 0},
     )
-    poses = Poses(problem, pose_checks(problem, {}))
+    poses = Poses(problem, pose_checks(problem, 0.0))
     assert not poses.free(
         np.array([0.0, 0, 0, 0]), np.array([0.0, 0, 0, 3.0])
     )  # tan φ is finite at both ends
@@ -226,7 +226,7 @@ def test_a_car_does_not_turn_its_wheels_across():
 
 def test_a_half_turn_is_no_straight_part():
     problem = paper_problem()
-    poses = Poses(problem, pose_checks(problem, least_margins(problem, 0.2)))
+    poses = Poses(problem, pose_checks(problem, 0.2))
     back = problem.system.state_space.pack(
         {"position": problem.start["position"], "orientation": yaw(np.pi - np.pi / 6)}
     )
