@@ -193,9 +193,13 @@ BLANK = {"svg": b'<svg viewBox="0 0 1 1"></svg>', "png": _pixel(), "pdf": b"%PDF
 
 @pytest.fixture
 def undrawn(monkeypatch):
+    draw_nothing(monkeypatch)
+
+
+def draw_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     """Figures are made and become empty files, for tests of what stands beside them; tests/views draws them."""
 
-    def save(figure, file, **how):
+    def save(figure: Figure, file: Any, **how: Any) -> None:
         drawing = BLANK[how.get("format") or Path(file).suffix[1:]]
         if isinstance(file, io.StringIO):
             file.write(drawing.decode())
