@@ -83,7 +83,9 @@ def _of_edge(start: Array, end: Array, half: Half) -> Array:
         return _sum([d * _outside(p + t * d, h) for p, d, h in terms])
 
     first, last = xp.minimum(slope(0.0), 0.0), xp.maximum(slope(1.0), 0.0)
-    below, above, rising, falling = [0.0], [1.0], [last], [first]
+    below: list[Array] = [0.0]
+    above: list[Array] = [1.0]
+    rising, falling = [last], [first]
     for p, d, h in terms:
         inverse = 1.0 / xp.where(d * d > TINY, d, 1.0)
         for side in (-h, h):
