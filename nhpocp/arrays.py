@@ -73,10 +73,6 @@ class NumPyNamespace(_Functions):
     def dot(self, a: Array, b: Array) -> Array:
         return a @ b
 
-    def shared(self, expression: Array) -> Array:
-        """Itself; of symbols, with what occurs several times in it worked out once."""
-        return expression
-
     def cross(self, a: Array, b: Array) -> Array:
         # numpy.cross is ten times slower on a single pair
         return self.vector([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
@@ -115,8 +111,11 @@ class CasadiNamespace(_Functions):
     def block(self, blocks: Sequence[Sequence[Any]]) -> Array:
         return self._ca.vertcat(*[self._ca.horzcat(*row) for row in blocks])
 
-    def shared(self, expression: Array) -> Array:
-        return expression if isinstance(expression, self._ca.DM) else self._ca.cse(expression)
+    def function(self, symbol: Array, expression: Array) -> Any:
+        """symbol ↦ expression, what occurs several times in it worked out once; None where it has other symbols."""
+        shared = self._ca.densify(self._ca.cse(expression))
+        made = self._ca.Function("made", [symbol], [shared], {"allow_free": True})
+        return None if made.has_free() else made
 
     def jacobian(self, expression: Array, variable: Array) -> Array:
         return self._ca.jacobian(expression, variable)
