@@ -28,6 +28,7 @@ from nhpocp.solution import Solution
 from nhpocp.solvers.continuation.auto import Auto
 from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.step_rules import Adaptive
+from nhpocp.solvers.nlp.guesses import SolverGuess
 from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting
 
 Row = dict[str, Any]
@@ -46,7 +47,7 @@ def solved(number: int, method: str) -> Row:
     if method == "free":
         problem = problem.with_(bounds={}, obstacles=())
     auto, cpu = Auto(Continuation(step_rule=Adaptive())), process_time()
-    solver = MultipleShooting(initial="jacobian") if method == "nlp" else auto
+    solver = MultipleShooting(guess=SolverGuess(auto)) if method == "nlp" else auto
     solution = planning.solve(problem, solver)
     tried = solution.details.get("tried") or [{"way": ""}]
     return {
