@@ -14,6 +14,7 @@ from nhpocp.constraints.bound import Bound, BoundReport, check_bounds, in_shape
 from nhpocp.objectives.registry import OBJECTIVES
 from nhpocp.problem import PlanningProblem
 from nhpocp.singular_values import svd
+from nhpocp.systems.leg_accelerations import LEG_ACCELERATIONS
 from nhpocp.systems.margins import det, margin, sigma
 from nhpocp.systems.system import DISTANCE
 
@@ -55,7 +56,7 @@ def of_the_pose(problem: PlanningProblem, pose: Mapping[str, Any], names: Iterab
     if not set(space.names) <= set(pose):
         return {}
     point, inputs = np.asarray(space.pack(pose)), system.input_space.size
-    wanted = {*names} - {*space.names, *system.input_space.names}
+    wanted = {*names} - {*space.names, *system.input_space.names, LEG_ACCELERATIONS}
     values: dict[str, Array] = {}
     for name in wanted:
         if bounded := margin(name):

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from nhpocp.arrays import Array
+from nhpocp.constraints.leg_acceleration import lacking_derivative
 from nhpocp.deferred import at_hand
 from nhpocp.errors import CallError, InvalidProblemError, describe, suggestion
 from nhpocp.flow.simulation import simulate
@@ -40,6 +41,8 @@ def solve(
     solver = chosen_solver(problem, solver)
     if words := OBJECTIVES[problem.objective].lacking_control(problem.basis):
         raise InvalidProblemError(words, path="objective")
+    if words := lacking_derivative(problem.bounds, problem.basis):
+        raise InvalidProblemError(words, path="constraints.leg_acceleration")
     with Interruption() as interruption:
         solution: Solution | None = None
         try:

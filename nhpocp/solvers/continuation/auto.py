@@ -11,6 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from nhpocp import declared
+from nhpocp.constraints.leg_acceleration import lacking_derivative
 from nhpocp.constructed import Constructed
 from nhpocp.controls.control import Control
 from nhpocp.controls.sequence import join, retimed
@@ -337,6 +338,9 @@ class _Search:
             if not self.problem.bounds:
                 return first
             solver = replace(solver, objective="none")
+        if words := lacking_derivative(self.problem.bounds, first.control.basis):
+            words = f"{first.message}; {words} from one piece to the next"
+            return replace(first, outcome=Outcome.CONSTRAINT_VIOLATED, message=words)
         second = self._solve(solver, begun_from(self.problem, first.control), first.updates)
         if second.outcome in (Outcome.CONVERGED, Outcome.CONSTRAINT_VIOLATED, Outcome.INTERRUPTED):
             return second
