@@ -360,13 +360,17 @@ class Check:
         found = dict(zip(others, check_bounds(others, self.samples.times, trajectory), strict=True))
         found |= {bound: self._measured(bound) for bound in self._apart}
         reports = [found[bound] for bound in self.problem.bounds]
-        self.reasons.extend(
-            f"{report.describe()} by {report.bound.figure(report.worst, '.3g')}, more than the "
-            f"{report.bound.figure(report.allowed, '.3g')} allowed"
-            for report in reports
-            if not report.ok
-        )
+        self.reasons.extend(_broken_words(report) for report in reports if not report.ok)
         return reports
+
+
+def _broken_words(report: BoundReport) -> str:
+    if report.bound.quantity == LEG_ACCELERATIONS and np.isinf(report.value):
+        return f"the legs' speeds jump at t={report.time:.4g}, where {report.name} is infinite"
+    return (
+        f"{report.describe()} by {report.bound.figure(report.worst, '.3g')}, more than the "
+        f"{report.bound.figure(report.allowed, '.3g')} allowed"
+    )
 
 
 def _gram(rotations: Array) -> Array:

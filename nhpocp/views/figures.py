@@ -57,10 +57,14 @@ def _only_words(words: str, room: Room) -> Figure:
 
 @styled
 def controls(solution: Solution, room: Room = OWN_SIZE) -> Figure:
-    """Controls and leg lengths, or the state's own numbers where there are no legs. [Paper] Fig. 2."""
+    """Controls and leg lengths, or the state's own numbers where there are no legs. [Paper] Fig. 2.
+
+    Speeds and accelerations of the legs where they are bounded.
+    """
     every = panels(solution)
-    states = of_group(every, "state")
-    shown = of_group(every, "leg")[:1] or ([merged(states)] if states else [])
+    states, legs = of_group(every, "state"), of_group(every, "leg")
+    bounded = [panel for panel in legs[1:] if any(curve.limits for curve in panel.curves)]
+    shown = [*legs[:1], *bounded] or ([merged(states)] if states else [])
     return _over_time(solution, [*of_group(every, "control"), *shown], room)
 
 
