@@ -20,6 +20,9 @@ from nhpocp.outcome import Outcome
 from nhpocp.pace import patient_horizon
 from nhpocp.problem_file import read_text
 from nhpocp.problem_file.building import build_solver
+from nhpocp.solvers.claimed import claimed
+from nhpocp.solvers.continuation.continuation import Continuation
+from nhpocp.solvers.continuation.step_rules import Adaptive
 from nhpocp.systems.numeric import numeric_system
 from nhpocp.systems.orienting_platform import OrientingPlatform
 from nhpocp.systems.parallel_robot import ParallelRobot
@@ -62,11 +65,8 @@ def test_the_formula_is_what_differences_of_replayed_lengths_say(system, basis):
 
 def claim(control):
     """A plan of the paper's robot under a control, as a solver would hand it over."""
-    problem = paper_problem(bounds=[BOUND], basis=Fourier(2))
-    solution = nhpocp.solve(problem.with_(bounds=()), "jacobian")
-    motion = simulate(problem, control)
-    claimed = replace(solution, problem=problem, control=control, trajectory=motion.trajectory)
-    return replace(claimed, outcome=Outcome.CONVERGED)
+    problem = paper_problem(bounds=[BOUND])
+    return claimed(problem, Continuation(), control, Outcome.CONVERGED, "", 0.0)
 
 
 def test_a_jump_between_pieces_is_an_infinite_acceleration_and_refuted():
@@ -109,10 +109,10 @@ def test_the_pace_of_a_bound_on_accelerations_is_a_square_root():
 
 def test_a_trajectory_names_them_where_they_are_bounded_and_nowhere_else(tmp_path):
     problem = paper_problem(bounds=[replace(BOUND, lower=-1e4, upper=1e4)], samples=11)
-    solution = nhpocp.solve(problem, "jacobian")
+    solution = nhpocp.solve(problem, Continuation(step_rule=Adaptive()))
     assert solution.trajectory["leg_accelerations"].shape == (11, 3)
     nhpocp.save_solution(solution, tmp_path / "plan")
     read = nhpocp.load_solution(tmp_path / "plan")
     assert nhpocp.verify(read).ok
     assert "leg_accelerations_3,length per unit time²" in (tmp_path / "plan" / "columns.csv").read_text()
-    assert "leg_accelerations" not in nhpocp.solve(problem.with_(bounds=()), "jacobian").trajectory
+    assert "leg_accelerations" not in simulate(problem.with_(bounds=()), solution.control).trajectory

@@ -150,7 +150,7 @@ def test_accelerations_of_legs_are_those_of_the_motion(basis, horizon):
     random = np.random.default_rng(0)
     control = Control(basis, 0.5 * random.normal(size=(3, basis.size)), 0.8)
     guess = Guess(follow(problem, control, INTERVALS, 40), control)
-    programme = StagedTranscription(problem, guess, basis, INTERVALS, 40, problem.bounds, INTERPRETED)
+    programme = StagedTranscription(problem, guess, basis, INTERVALS, 3, problem.bounds, INTERPRETED)
     values = np.array(programme.functions["nlp"](programme.pack(guess), [])[1]).ravel()
     motion = simulate(problem.with_(samples=INTERVALS + 1), control).trajectory["leg_accelerations"]
     rows = [
@@ -161,7 +161,7 @@ def test_accelerations_of_legs_are_those_of_the_motion(basis, horizon):
     assert {round(row.time * INTERVALS) for _, row in seen} == {0, 1, 2, 3}
     for i, row in seen:
         there = motion[round(row.time * INTERVALS), int(row.name[-2])]
-        assert values[i] * row.unit == pytest.approx(there, rel=1e-5, abs=1e-3)
+        assert values[i] * row.unit == pytest.approx(there, rel=1e-3, abs=1e-2)
 
 
 def test_rows_that_the_goal_fixes_are_free():
