@@ -15,7 +15,7 @@ from matplotlib.lines import Line2D
 from nhpocp.comparison import Entry
 from nhpocp.solution import Solution
 from nhpocp.systems.system import DISTANCE
-from nhpocp.views import drawing, obstacles, plots
+from nhpocp.views import drawing, obstacles, plots, routes
 from nhpocp.views.finite_path import FinitePath, path_of, quantity
 from nhpocp.views.labels import axis_label
 from nhpocp.views.panels import Panel, merged, of_group, panels
@@ -157,6 +157,7 @@ def _path(motions: Sequence[_Motion]) -> Overlay | None:
         return None
     pose, goal = drawing.poses_of(first)[0], drawing.goal_pose(first.problem)
     every = np.concatenate(paths)
+    followed = [along for motion in motions if (along := routes.route_places(motion.solution)) is not None]
     system = first.problem.system
     names = drawing.axis_names(system, every.shape[1], first.problem.units)
     figure = Picture(figsize=(WIDTH, 3.6))
@@ -178,13 +179,16 @@ def _path(motions: Sequence[_Motion]) -> Overlay | None:
             _mechanism(axes, shown.drawing)
         for points, motion in zip(paths, motions, strict=True):
             drawing.plot_path(axes, points, **motion.look)
+        for along in followed:
+            axes.plot(*along.T[: len(names)], **routes.ROUTE)
         if not shown and len(names) == 3:
             axes.zaxis.labelpad = 0  # the narrow box leaves its numbers no room
             axes.tick_params(axis="z", pad=3)
         figure.text((i + 0.5) / count, 0.9, words, ha="center", va="center")
     _legend(figure, motions, "upper left")
     scale = "" if system.plotted else ", at the same scale on all axes"
-    caption = Markup("The path of the moving body, from the open to the full dot{}.").format(scale)
+    route = " Pale: the route of poses that a plan follows by manoeuvres." if followed else ""
+    caption = Markup("The path of the moving body, from the open to the full dot{}.{}").format(scale, route)
     return Overlay("path", "Path in space", caption, figure)
 
 

@@ -33,6 +33,7 @@ from nhpocp.solvers.continuation.initial_control import drawn
 from nhpocp.solvers.continuation.route_manoeuvres import RouteManoeuvres
 from nhpocp.solvers.continuation.step_rules import Adaptive
 from nhpocp.solvers.route.find_route import find_route, lacking
+from nhpocp.solvers.route.sketch import sketched_route, sketched_trees
 from nhpocp.solvers.route.wanted import ROUTE, ROUTE_SECONDS, ROUTES
 
 EVALUATIONS = 25  # per try: starts that lead to the goal need 5 to 20
@@ -101,6 +102,7 @@ class _Search:
         self.route, self.route_seconds = solver.route, solver.route_seconds
         self.followed = False  # a route
         self.no_route = ""  # what is known of none, in words
+        self.sketch: dict[str, Any] = {}  # for pictures, of the route, or of the trees where none was found
         self.problem, self.space, self.progress = problem, problem.system.state_space, progress
         self.records: list[Deferred] = []
         self.tried: list[dict[str, Any]] = []
@@ -133,9 +135,14 @@ class _Search:
         return replace(
             best,
             records=self.records,
-            details={**best.details, "tried": self.tried},
+            details={**best.details, "tried": self.tried, **self._sketch_of(best)},
             solve_seconds=perf_counter() - began - best.build_seconds,
         )
+
+    def _sketch_of(self, best: ContinuationResult) -> dict[str, Any]:
+        """What was seen of routes, but of none that a plan does not follow."""
+        way = self.tried[best.details.get("attempt", -1)]["way"] if self.tried else ""
+        return self.sketch if best.outcome is not Outcome.CONVERGED or way.endswith("along a route") else {}
 
     def _cheapest(self, first: ContinuationResult) -> ContinuationResult:
         """Of the plan that is at hand, and those to which the null space leads from seeded starts."""
@@ -252,8 +259,9 @@ class _Search:
             interruption.check()
         if found.route is None or found.checks is None:
             self.no_route = found.words
+            self.sketch = {"trees": sketched_trees(found.trees)} if found.trees else {}
             return
-        self.followed = True
+        self.followed, self.sketch = True, {"route": sketched_route(found.route)}
         for attempt in range(ATTEMPTS):
             manoeuvres = RouteManoeuvres(
                 self.problem, self.base, found.route, found.checks, self.base.seed + attempt

@@ -25,12 +25,13 @@ class RouteSearch:
     """How the search for a route ended.
 
     route: None where none was found; words: what is known then. checks: what the poses of manoeuvres along it have to
-    meet.
+    meet. trees: that did not meet, of the last search.
     """
 
     route: Route | None = None
     checks: PoseChecks | None = None
     words: str = ""
+    trees: Trees | None = None
 
 
 def lacking(problem: PlanningProblem) -> str:
@@ -61,6 +62,7 @@ def find_route(
     any but straight routes, is ``required`` and not installed.
     """
     ends, words, began = np.stack([problem.start_point, problem.goal_point]), "", monotonic()
+    trees: Trees | None = None
     for clearance in STRAIGHT:
         poses = _poses(problem, clearance)
         if poses.free(*ends):
@@ -78,7 +80,7 @@ def find_route(
         words = _growth(problem, poses, trees, monotonic() - began)
         if stopped():
             break
-    return RouteSearch(words=words)
+    return RouteSearch(words=words, trees=trees)
 
 
 def _poses(problem: PlanningProblem, clearance: float) -> Poses:
