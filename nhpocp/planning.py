@@ -14,7 +14,7 @@ from nhpocp.constraints.leg_acceleration import lacking_derivative
 from nhpocp.deferred import at_hand
 from nhpocp.errors import CallError, InvalidProblemError, describe, suggestion
 from nhpocp.flow.simulation import simulate
-from nhpocp.foreseen import ON_THE_SURFACE, broken_poses, contradiction, endless, singular_goal
+from nhpocp.foreseen import broken_poses, contradiction, endless, other_side, singular_goal
 from nhpocp.interruption import STOPPED, Interruption
 from nhpocp.kept import let_go
 from nhpocp.objectives.registry import OBJECTIVES
@@ -25,7 +25,6 @@ from nhpocp.scales import coarse
 from nhpocp.solution import Progress, Solution, Solver, telling
 from nhpocp.solvers.claimed import unsolved
 from nhpocp.solvers.registry import SOLVERS, made_solver
-from nhpocp.systems.numeric import numeric_system
 from nhpocp.verification import verify
 
 
@@ -190,7 +189,7 @@ def refused(problem: PlanningProblem, solver: Solver) -> Solution | None:
         return _refused(problem, solver, outcome, words)
     sentences = {
         Outcome.INFEASIBLE: contradiction(problem) or _broken_bounds(problem) or _too_far(problem, solver),
-        Outcome.OTHER_COMPONENT: _opposite_signs(problem) if problem.goal_is_a_pose else "",
+        Outcome.OTHER_COMPONENT: other_side(problem),
     }
     for outcome, sentence in sentences.items():
         if sentence:
@@ -220,22 +219,6 @@ def _broken_bounds(problem: PlanningProblem) -> str:
         + report.limit_words()
         for place, report in broken_poses(problem)
     )
-
-
-def _opposite_signs(problem: PlanningProblem) -> str:
-    """Determinants that no path of the machine changes for good, and that differ in sign at the goal."""
-    numeric, system = numeric_system(problem.system), problem.system
-    ends = np.array([problem.start_point, problem.goal_point])
-    determinants = numeric.determinants(ends)
-    sentences = {}
-    for name in system.separating():
-        first, last = determinants[name]
-        if first * last < 0 and numeric.sigmas(ends, problem.scale)[name].min() > ON_THE_SURFACE:
-            sentences[name] = f"det {name.upper()} is {first:.3g} at the start and {last:.3g} at the goal"
-    words = "; ".join(sentences.values())
-    if words and (actuated := system.actuated()) and not set(sentences) & set(actuated[0].separating()):
-        words += ", which eq. (7) cannot cross; `form: original` may"
-    return words
 
 
 def _refused(problem: PlanningProblem, solver: Solver, outcome: Outcome, message: str) -> Solution:

@@ -188,14 +188,16 @@ class _Search:
         """Of all tries, which end with the best."""
         ways = len(self.tried)
         if best.outcome is Outcome.CONVERGED:
-            after = f" by {self.tried[-1]['way']}, after {ways - 1} other ways" if ways > 1 else ""
+            after = f", by {self.tried[-1]['way']}, after {ways - 1} other ways" if ways > 1 else ""
             return Ending(best.outcome, best.message + after)
         if stopped:
             return Ending(Outcome.INTERRUPTED, STOPPED)
+        no_route = f"{self.no_route[:1].upper()}{self.no_route[1:]}" if self.no_route else ""
         if best.outcome is Outcome.CONSTRAINT_VIOLATED:
-            return Ending(best.outcome, f"{best.message}; {ways} ways were tried")
+            sentences = [f"{best.message}; {ways} ways were tried", *filter(None, [no_route])]
+            return Ending(best.outcome, ". ".join(sentences))
+        no_route = f" {no_route}." if no_route else ""
         given_up = f"Given up after {len(self.records)} evaluations. " if self.given_up else ""
-        no_route = f" {self.no_route[:1].upper()}{self.no_route[1:]}." if self.no_route else ""
         each = "; ".join(f"{way['way']}: {way['outcome']} (E = {way['error']:.3g})" for way in self.tried)
         return Ending(
             Outcome.NOT_REACHED, f"Nothing that was tried reached the goal.{no_route} {given_up}{each}"

@@ -127,5 +127,5 @@ def _apart(problem: PlanningProblem, poses: Poses, here: Array, there: Array) ->
     for block in space.blocks:
         part = float(np.linalg.norm(tangent[space.tangent_slice(block.name)]))
         angle = block.unit == "angle"
-        parts.append(f"{np.degrees(part):.3g} deg" if angle else f"{part:.3g}")
+        parts.append((f"{np.degrees(part):.3g} deg" if angle else f"{part:.3g}") + f" in {block.name}")
     return " and ".join(parts)
