@@ -14,9 +14,8 @@ from nhpocp.arrays import Array
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Solution
 from nhpocp.state_space import Block
-from nhpocp.systems.system import System
 from nhpocp.views import drawing, obstacles
-from nhpocp.views.labels import axis_label, notation
+from nhpocp.views.labels import axis_label
 from nhpocp.views.style import COLOURS, OWN_SIZE, Room, axes_grid, legend_above, say
 
 # faint, and over the path, whose loops would hide it
@@ -136,14 +135,16 @@ def _plot_differences(axes: Any, problem: PlanningProblem, every: list[Any]) -> 
 
 
 def _plot_numbers(axes: Any, problem: PlanningProblem, every: list[Any]) -> None:
-    """The first two numbers of the state against each other, or the first against the order of growth."""
-    system: System = problem.system
-    names = list(system.state_space.labels[:2])
+    """The first two numbers by which poses differ from the goal; of a single one, in the order of growth."""
+    space = problem.system.state_space
+    names = [f"{label} from the goal" for label in space.tangent_labels[:2]]
     for name, poses, parents, _ in every:
-        shown = poses[:, :2] if len(names) == 2 else np.column_stack([np.arange(len(poses)), poses[:, 0]])
+        apart = np.array([space.difference(pose, problem.goal_point) for pose in poses], dtype=float)
+        alone = len(names) == 1
+        shown = np.column_stack([np.arange(len(poses)), apart[:, 0]]) if alone else apart[:, :2]
         _plot_tree(axes, name, shown, parents)
-    words = names if len(names) == 2 else ["pose", *names]
-    axes.set(xlabel=notation(system, words[0]).symbol, ylabel=notation(system, words[1]).symbol)
+    words = ["pose", *names] if len(names) == 1 else names
+    axes.set(xlabel=words[0], ylabel=words[1])
 
 
 def _plot_tree(axes: Any, name: str, places: Array, parents: Array) -> None:
