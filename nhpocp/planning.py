@@ -107,7 +107,9 @@ def _with_a_cure(solution: Solution, progress: Progress | None) -> Solution:
         return solution
     relaxed = problem.with_(bounds=[bound for bound in problem.bounds if bound not in bounds])
     plan = default_solver(problem).solve(relaxed, telling(progress, way="at another pace"))
-    horizon = patient_horizon(bounds, plan.trajectory) if plan.outcome is Outcome.CONVERGED else None
+    if plan.outcome is not Outcome.CONVERGED or lacking_derivative(bounds, plan.control.basis):
+        return solution
+    horizon = patient_horizon(bounds, simulate(problem, plan.control).trajectory)
     if horizon is None or float(horizon) <= ROOM * problem.horizon.initial:
         return solution
     names = " and ".join(dict.fromkeys(bound.label for bound in bounds))

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import nhpocp
+from nhpocp import planning
 from nhpocp.constraints.bound import Bound
 from nhpocp.controls.bspline import BSpline
 from nhpocp.controls.control import Control
@@ -23,6 +24,8 @@ from nhpocp.problem_file.building import build_solver
 from nhpocp.solvers.claimed import claimed
 from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.step_rules import Adaptive
+from nhpocp.solvers.nlp import multiple_shooting
+from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting
 from nhpocp.systems.numeric import numeric_system
 from nhpocp.systems.orienting_platform import OrientingPlatform
 from nhpocp.systems.parallel_robot import ParallelRobot
@@ -100,6 +103,28 @@ def test_it_is_refused_in_words_where_controls_jump():
             "nhpocp: 1\nsystem: {model: unicycle}\nstart: {x: 0, y: 0, theta: 0}\n"
             "goal: {x: 1, y: 1, theta: 0}\nconstraints: {leg_acceleration: 900}\n"
         )
+
+
+def test_a_cure_is_found_for_a_bound_that_a_slower_motion_keeps():
+    solution = replace(claim(paper_problem().control(PAPER_START)), outcome=Outcome.CONSTRAINT_VIOLATED)
+    message = planning._with_a_cure(solution, None).message
+    horizon = float(message.partition("keeps leg_acceleration was found for horizon: ")[2].rstrip("."))
+    slower = planning.solve(solution.problem.with_(horizon=horizon), Continuation(step_rule=Adaptive()))
+    assert slower.converged
+    assert slower.verdict.bounds[0].ok
+
+
+def test_a_guess_without_bounds_is_taken_over_only_where_it_keeps_them():
+    solver, control = MultipleShooting(over_basis=True), paper_problem().control(PAPER_START)
+    wide = paper_problem(bounds=[replace(BOUND, lower=-1e4, upper=1e4)])
+    guess = claimed(paper_problem(), Continuation(), control, Outcome.CONVERGED, "", 0.0)
+    failed = claimed(wide, solver, control, Outcome.STAGNATED, "", 1.0)
+    taken = multiple_shooting._taken_over(failed, guess)
+    assert taken.trajectory["leg_accelerations"].shape == (201, 3)
+    narrow = paper_problem(bounds=[replace(BOUND, lower=-10.0, upper=10.0)])
+    assert multiple_shooting._taken_over(replace(failed, problem=narrow), guess) is None
+    jumping = replace(guess, control=join([replace(control, horizon=0.5), replace(control, horizon=0.5)]))
+    assert multiple_shooting._taken_over(failed, jumping) is None
 
 
 def test_the_pace_of_a_bound_on_accelerations_is_a_square_root():

@@ -17,6 +17,7 @@ from nhpocp.controls.piecewise_constant import PiecewiseConstant
 from nhpocp.declared import check
 from nhpocp.errors import CallError, InvalidProblemError, describe
 from nhpocp.flow.compiled.kernels import CompiledWhenReady, Kernels
+from nhpocp.flow.simulation import simulate
 from nhpocp.interruption import Interruption
 from nhpocp.objectives.registry import OBJECTIVES
 from nhpocp.outcome import Outcome
@@ -246,8 +247,12 @@ def _reached(plan: Solution, why: str) -> Solution:
 
 def _taken_over(failed: Solution, plan: Solution) -> Solution | None:
     """A guess that reaches the goal within every bound, where no optimum was found: what there is, in true words."""
-    problem = failed.problem
-    within = all(r.ok for r in check_bounds(problem.bounds, plan.trajectory["t"], plan.trajectory))
+    problem, trajectory = failed.problem, plan.trajectory
+    if lacking_derivative(problem.bounds, plan.control.basis):
+        return None
+    if problem.system.accelerated:  # the guess was made without bounds
+        trajectory = simulate(problem, plan.control).trajectory
+    within = all(r.ok for r in check_bounds(problem.bounds, trajectory["t"], trajectory))
     if problem.horizon.free or not within or not plan.final_error <= failed.tolerance:
         return None
     cost = plan.costs.get(problem.objective)
@@ -258,7 +263,7 @@ def _taken_over(failed: Solution, plan: Solution) -> Solution | None:
         failed,
         final_error=plan.final_error,
         control=plan.control,
-        trajectory=plan.trajectory,
+        trajectory=trajectory,
         costs=plan.costs,
         details=details,
     )
