@@ -10,12 +10,15 @@ import numpy as np
 
 from nhpocp.arrays import Array
 from nhpocp.problem import PlanningProblem
-from nhpocp.solvers.route.pose_checks import PoseChecks, least_margins, pose_checks
+from nhpocp.solvers.route.easing import eased
+from nhpocp.solvers.route.loops import Loops, known_loops
+from nhpocp.solvers.route.pose_checks import PoseChecks, pose_checks
 from nhpocp.solvers.route.route import Poses, Route
 from nhpocp.solvers.route.rrt_connect import MISSING, Trees, grown, installed
 
 # of σ_min at start or goal, asked for along a route, one after the other, with the share of the time for each
 CLEARANCES = {0.5: 0.15, 0.2: 0.25, 0.05: 0.3, 0.01: 0.3}
+MOST = 15.0, 60.0, 300.0, np.inf  # manoeuvres for each unit of length, in the same order
 STRAIGHT = (0.5, 0.2)  # a straight motion with that clearance needs no search
 KEPT = 0.2  # of a route's clearance, by manoeuvres along it
 
@@ -62,29 +65,29 @@ def find_route(
     any but straight routes, is ``required`` and not installed.
     """
     ends, words, began = np.stack([problem.start_point, problem.goal_point]), "", monotonic()
-    trees: Trees | None = None
+    loops, trees = known_loops(problem), None
     for clearance in STRAIGHT:
-        poses = _poses(problem, clearance)
+        poses = _poses(problem, clearance, loops, MOST[0])
         if poses.free(*ends):
-            return _found(problem, Route(ends, poses), clearance)
+            return _found(problem, Route(ends, poses), clearance, seed)
     if not required and not installed():
         return RouteSearch(words=f"around what is in the way of the straight motion, {MISSING}")
-    for clearance, share in CLEARANCES.items():
-        poses = _poses(problem, clearance)
+    for (clearance, share), most in zip(CLEARANCES.items(), MOST, strict=True):
+        poses = _poses(problem, clearance, loops, most)
         if words := _ends_nowhere(problem, poses):
             continue
         trees = grown(problem, poses, share * seconds, seed, stopped)
         if trees.waypoints is not None:
-            route = Route(trees.waypoints, poses).shortened(np.random.default_rng(seed))
-            return _found(problem, route, clearance)
+            return _found(problem, Route(trees.waypoints, poses), clearance, seed)
         words = _growth(problem, poses, trees, monotonic() - began)
         if stopped():
             break
     return RouteSearch(words=words, trees=trees)
 
 
-def _poses(problem: PlanningProblem, clearance: float) -> Poses:
-    return Poses(problem, pose_checks(problem, least_margins(problem, clearance)))
+def _poses(problem: PlanningProblem, clearance: float, loops: Loops | None, most: float) -> Poses:
+    checks = pose_checks(problem, clearance)
+    return Poses(problem, checks, loops, most if loops else np.inf)
 
 
 def _ends_nowhere(problem: PlanningProblem, poses: Poses) -> str:
@@ -96,8 +99,9 @@ def _ends_nowhere(problem: PlanningProblem, poses: Poses) -> str:
     return ""
 
 
-def _found(problem: PlanningProblem, route: Route, clearance: float) -> RouteSearch:
-    return RouteSearch(route, pose_checks(problem, least_margins(problem, KEPT * clearance)))
+def _found(problem: PlanningProblem, route: Route, clearance: float, seed: int) -> RouteSearch:
+    route = eased(route, np.random.default_rng(seed))
+    return RouteSearch(route, pose_checks(problem, KEPT * clearance))
 
 
 def _growth(problem: PlanningProblem, poses: Poses, trees: Trees, seconds: float) -> str:

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import nhpocp
 from nhpocp.solvers.route.edges import STEP, free
-from nhpocp.solvers.route.pose_checks import least_margins, pose_checks
+from nhpocp.solvers.route.pose_checks import pose_checks
 from tests.conftest import paper_problem
 
 FINER = 100  # times as many samples as the edge begins with
@@ -53,7 +53,7 @@ MAKERS = {
 def task(name):
     """A problem and its checks."""
     problem = MAKERS[name]()
-    return problem, pose_checks(problem, least_margins(problem, 0.05))
+    return problem, pose_checks(problem, 0.05)
 
 
 def edge(name, numbers):
