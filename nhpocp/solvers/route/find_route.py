@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from time import monotonic
+from time import thread_time
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,12 +15,28 @@ from nhpocp.solvers.route.easing import eased
 from nhpocp.solvers.route.loops import Loops, known_loops
 from nhpocp.solvers.route.pose_checks import PoseChecks, pose_checks
 from nhpocp.solvers.route.route import Poses, Route
-from nhpocp.solvers.route.rrt_connect import MISSING, Trees, grown, installed
+from nhpocp.solvers.route.rrt_connect import MISSING, Allowed, Trees, grown, installed
 
-# of σ_min at start or goal, asked for along a route, one after the other, with the share of the time for each
-CLEARANCES = {0.5: 0.15, 0.2: 0.25, 0.05: 0.3, 0.01: 0.3}
-MOST = 15.0, 60.0, 300.0, np.inf  # manoeuvres for each unit of length, in the same order
-STRAIGHT = (0.5, 0.2)  # a straight motion with that clearance needs no search
+
+class Level(NamedTuple):
+    """What is asked of a route, and what its search may cost.
+
+    clearance: of σ_min, and of what bounds spare, at start or goal, the lesser. most: manoeuvres a unit of length.
+    """
+
+    clearance: float
+    most: float
+    share: float  # of the time
+    edges: float  # that are looked at, most of them in less than the share: the same on every machine
+
+
+LEVELS = (  # one after the other
+    Level(0.5, 15.0, 0.15, 800),
+    Level(0.2, 60.0, 0.25, 3000),
+    Level(0.05, 300.0, 0.3, 8000),
+    Level(0.01, np.inf, 0.3, np.inf),
+)
+STRAIGHT = LEVELS[:2]  # a straight motion that is so needs no search
 KEPT = 0.2  # of a route's clearance, by manoeuvres along it
 
 
@@ -61,33 +78,32 @@ def find_route(
     """A route from start to goal, of which free blocks keep the start's value.
 
     A straight one if that is clear of everything; else the first on which trees meet, asked for much clearance first.
-    seconds: at most. stopped: asked often, whether to give up. Errors: `MissingDependencyError` where OMPL, needed for
-    any but straight routes, is ``required`` and not installed.
+    seconds: of processor time, at most. stopped: asked often, whether to give up.
+    Errors: `MissingDependencyError` where OMPL, needed for any but straight routes, is ``required`` and not installed.
     """
-    ends, words, began = np.stack([problem.start_point, problem.goal_point]), "", monotonic()
+    ends, words, began = np.stack([problem.start_point, problem.goal_point]), "", thread_time()
     loops, trees = known_loops(problem), None
-    for clearance in STRAIGHT:
-        poses = _poses(problem, clearance, loops, MOST[0])
+    for level in STRAIGHT:
+        poses = _poses(problem, level, loops)
         if poses.free(*ends):
-            return _found(problem, Route(ends, poses), clearance, seed)
+            return _found(problem, Route(ends, poses), level, seed)
     if not required and not installed():
         return RouteSearch(words=f"around what is in the way of the straight motion, {MISSING}")
-    for (clearance, share), most in zip(CLEARANCES.items(), MOST, strict=True):
-        poses = _poses(problem, clearance, loops, most)
+    for level in LEVELS:
+        poses = _poses(problem, level, loops)
         if words := _ends_nowhere(problem, poses):
             continue
-        trees = grown(problem, poses, share * seconds, seed, stopped)
+        trees = grown(problem, poses, Allowed(level.share * seconds, level.edges, stopped), seed)
         if trees.waypoints is not None:
-            return _found(problem, Route(trees.waypoints, poses), clearance, seed)
-        words = _growth(problem, poses, trees, monotonic() - began)
+            return _found(problem, Route(trees.waypoints, poses), level, seed)
+        words = _growth(problem, poses, trees, thread_time() - began)
         if stopped():
             break
     return RouteSearch(words=words, trees=trees)
 
 
-def _poses(problem: PlanningProblem, clearance: float, loops: Loops | None, most: float) -> Poses:
-    checks = pose_checks(problem, clearance)
-    return Poses(problem, checks, loops, most if loops else np.inf)
+def _poses(problem: PlanningProblem, level: Level, loops: Loops | None) -> Poses:
+    return Poses(problem, pose_checks(problem, level.clearance), loops, level.most if loops else np.inf)
 
 
 def _ends_nowhere(problem: PlanningProblem, poses: Poses) -> str:
@@ -99,9 +115,9 @@ def _ends_nowhere(problem: PlanningProblem, poses: Poses) -> str:
     return ""
 
 
-def _found(problem: PlanningProblem, route: Route, clearance: float, seed: int) -> RouteSearch:
+def _found(problem: PlanningProblem, route: Route, level: Level, seed: int) -> RouteSearch:
     route = eased(route, np.random.default_rng(seed))
-    return RouteSearch(route, pose_checks(problem, KEPT * clearance))
+    return RouteSearch(route, pose_checks(problem, KEPT * level.clearance))
 
 
 def _growth(problem: PlanningProblem, poses: Poses, trees: Trees, seconds: float) -> str:
