@@ -142,8 +142,11 @@ def test_rows_are_named_with_their_times():
     assert {"continuity of position[2] at node 3", "start of position[0]", "goal of orientation[2]"} <= names
 
 
-@pytest.mark.parametrize("basis", [Fourier(2), BSpline(2, 3)], ids=lambda basis: basis.kind)
-@pytest.mark.parametrize("horizon", [Horizon(0.8), Horizon(0.8, 0.5, 3.0)], ids=["fixed", "free"])
+@pytest.mark.parametrize(
+    ("basis", "horizon"),
+    [(Fourier(2), Horizon(0.8)), (BSpline(2, 3), Horizon(0.8, 0.5, 3.0))],
+    ids=["fixed", "free"],
+)
 def test_accelerations_of_legs_are_those_of_the_motion(basis, horizon):
     bound = BOUNDS["leg_acceleration"]
     problem = paper_problem(basis=basis, initial=None, horizon=horizon, bounds=[bound])

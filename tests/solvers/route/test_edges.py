@@ -70,7 +70,7 @@ NUMBERS = st.lists(st.floats(-1, 1), min_size=12, max_size=12).map(np.array)
 
 
 @pytest.mark.parametrize("name", MAKERS)
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(numbers=NUMBERS)
 def test_an_edge_that_is_free_has_no_invalid_pose(name, numbers):
     checks, here, tangent, size = edge(name, numbers)
