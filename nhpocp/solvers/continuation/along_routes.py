@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Protocol
+from typing import Any, Protocol
 
 from nhpocp.controls.control import Control
 from nhpocp.interruption import Interruption
@@ -11,6 +11,7 @@ from nhpocp.problem import PlanningProblem
 from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.route_manoeuvres import RouteManoeuvres
 from nhpocp.solvers.route.find_route import find_route, lacking
+from nhpocp.solvers.route.sketch import sketched_route, sketched_trees
 
 ATTEMPTS = 3  # with other seeds
 DELICATE = 3e5  # times what a start is off, at the end: the replay's own rounding would then be seen
@@ -32,7 +33,10 @@ class Told(Protocol):
 
 
 class AlongRoutes:
-    """followed: whether there was a route. no_route: what is known of none, in words."""
+    """followed: whether there was a route. no_route: what is known of none, in words.
+
+    sketch: for pictures, of the last route, or of the trees where none was found.
+    """
 
     def __init__(self, search: Told, seconds: float, required: bool) -> None:
         """seconds: for which a route is looked for, at most. required: whether OMPL is.
@@ -41,6 +45,7 @@ class AlongRoutes:
         """
         self._search, self._seconds, self._required = search, seconds, required
         self.followed, self.no_route = False, ""
+        self.sketch: dict[str, Any] = {}
 
     def ways(self) -> Iterator[tuple[str, list[Control], int]]:
         """In words, the manoeuvres, and the steps with which each is known to lead where it does.
@@ -80,5 +85,8 @@ class AlongRoutes:
             interruption.check()
         if found.route is None or found.checks is None:
             self.no_route = found.words
+            if found.trees and not self.followed:
+                self.sketch = {"trees": sketched_trees(found.trees)}
             return None
+        self.sketch = {"route": sketched_route(found.route)}
         return RouteManoeuvres(search.problem, search.base, found.route, found.checks, seed)

@@ -11,6 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from nhpocp import declared
+from nhpocp.constraints.leg_acceleration import lacking_derivative
 from nhpocp.constructed import Constructed
 from nhpocp.controls.control import Control
 from nhpocp.controls.sequence import join, retimed
@@ -133,8 +134,17 @@ class _Search:
         return replace(
             best,
             records=self.records,
-            details={**best.details, "tried": self.tried},
+            details={**best.details, "tried": self.tried, **self._sketch_of(best)},
             solve_seconds=perf_counter() - began - best.build_seconds,
+        )
+
+    def _sketch_of(self, best: ContinuationResult) -> dict[str, Any]:
+        """What was seen of routes, but of none that a plan does not follow."""
+        way = self.tried[best.details.get("attempt", -1)]["way"] if self.tried else ""
+        return (
+            self.along_routes.sketch
+            if best.outcome is not Outcome.CONVERGED or way.endswith("along a route")
+            else {}
         )
 
     def _cheapest(self, first: ContinuationResult) -> ContinuationResult:
@@ -181,7 +191,7 @@ class _Search:
         """Of all tries, which end with the best."""
         ways, no_route = len(self.tried), self.along_routes.no_route
         if best.outcome is Outcome.CONVERGED:
-            after = f" by {self.tried[-1]['way']}, after {ways - 1} other ways" if ways > 1 else ""
+            after = f", by {self.tried[-1]['way']}, after {ways - 1} other ways" if ways > 1 else ""
             return Ending(best.outcome, best.message + after)
         if stopped:
             return Ending(Outcome.INTERRUPTED, STOPPED)
@@ -323,6 +333,9 @@ class _Search:
             if not self.problem.bounds:
                 return first
             solver = replace(solver, objective="none")
+        if words := lacking_derivative(self.problem.bounds, first.control.basis):
+            words = f"{first.message}; {words} from one piece to the next"
+            return replace(first, outcome=Outcome.CONSTRAINT_VIOLATED, message=words)
         second = self._solve(solver, begun_from(self.problem, first.control), first.updates)
         if second.outcome in (Outcome.CONVERGED, Outcome.CONSTRAINT_VIOLATED, Outcome.INTERRUPTED):
             return second
