@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any, Protocol
 
+import numpy as np
+
 from nhpocp.controls.control import Control
 from nhpocp.interruption import Interruption
 from nhpocp.problem import PlanningProblem
@@ -13,7 +15,8 @@ from nhpocp.solvers.continuation.route_manoeuvres import RouteManoeuvres
 from nhpocp.solvers.route.find_route import find_route, lacking
 from nhpocp.solvers.route.sketch import sketched_route, sketched_trees
 
-ATTEMPTS = 3  # with other seeds
+ATTEMPTS = 4  # with other seeds
+PATIENCE = 80.0  # manoeuvres that a route may seem to take, before another is tried
 DELICATE = 3e5  # times what a start is off, at the end: the replay's own rounding would then be seen
 
 
@@ -55,24 +58,39 @@ class AlongRoutes:
         search = self._search
         if lacking(search.problem):
             return
+        slow: list[RouteManoeuvres] = []
         for attempt in range(ATTEMPTS):
             manoeuvres = self._manoeuvres(search.base.seed + attempt)
             if manoeuvres is None:
-                return
+                break
             self.followed = True
-            for fraction in manoeuvres.walk():
-                search.telling(f"manoeuvres along a route, {fraction:.0%} of it")
-            count, ended = len(manoeuvres.controls), ""
-            if not manoeuvres.arrived:
-                part = manoeuvres.walked / manoeuvres.route.length
-                ended = f"manoeuvres along a route, stuck after {count} at {part:.0%} of it"
-            elif manoeuvres.growth > DELICATE:
-                ended = f"{count} manoeuvres along a route, which multiply errors by {manoeuvres.growth:.1g}"
-            if ended:
-                search.note(ended, "stagnated", search.problem.goal_error(manoeuvres.here))
-                continue
-            words = f"{count} manoeuvres in sequence" if count > 1 else "a manoeuvre"
-            yield f"{words} along a route", manoeuvres.controls, manoeuvres.steps
+            self._walked(manoeuvres, PATIENCE)
+            if manoeuvres.arrived:
+                yield from self._ended(manoeuvres)
+            else:
+                slow.append(manoeuvres)
+        if slow:
+            farthest = max(slow, key=lambda one: one.part)
+            self._walked(farthest, np.inf)
+            yield from self._ended(farthest)
+
+    def _walked(self, manoeuvres: RouteManoeuvres, patience: float) -> None:
+        for fraction in manoeuvres.walk(patience):
+            self._search.telling(f"manoeuvres along a route, {fraction:.0%} of it")
+
+    def _ended(self, manoeuvres: RouteManoeuvres) -> Iterator[tuple[str, list[Control], int]]:
+        """Those that lead to the goal; others are noted."""
+        count, ended = len(manoeuvres.controls), ""
+        if not manoeuvres.arrived:
+            ended = f"manoeuvres along a route, stuck after {count} at {manoeuvres.part:.0%} of it"
+        elif manoeuvres.growth > DELICATE:
+            ended = f"{count} manoeuvres along a route, which multiply errors by {manoeuvres.growth:.1g}"
+        if ended:
+            error = self._search.problem.goal_error(manoeuvres.here)
+            self._search.note(ended, "stagnated", error)
+            return
+        words = f"{count} manoeuvres in sequence" if count > 1 else "a manoeuvre"
+        yield f"{words} along a route", manoeuvres.controls, manoeuvres.steps
 
     def _manoeuvres(self, seed: int) -> RouteManoeuvres | None:
         """Along a route, if there is one."""

@@ -36,11 +36,12 @@ LEAST = 0.001  # length, in units of the problem's scales, that is tried last
 LOOKS = 20  # at a path, before it is held against all checks
 RESOLVED = 1e-6  # in units of the problem's scales: between ends with the steps of either simulation
 PIECES = 200  # at most
+SEEN = 20  # of them, before it is said how many the route takes
 CHOICE, DEARER = (
     4,
     2.0,
 )  # of the cheapest, and times the effort of the first, of which the least delicate is taken
-NUDGE = 1e-5  # in units of the scales, for differences
+NUDGE = 1e-6  # in units of the scales, for differences
 DETOURS, ASIDE = 4, 40  # at most, where no manoeuvre leads on, and the seeded controls that may make one
 LONGER = 2.0  # times what has been reached at once, tried next
 
@@ -88,10 +89,16 @@ class RouteManoeuvres:
         """By how much the controls multiply what is off at the start, at most."""
         return float(np.linalg.norm(self._along, 2)) if np.isfinite(self._along).all() else np.inf
 
-    def walk(self) -> Iterator[float]:
+    @property
+    def part(self) -> float:
+        """Of the route that is walked."""
+        return self.walked / self.route.length
+
+    def walk(self, patience: float = np.inf) -> Iterator[float]:
         """Adds controls of unit time, one after another, until they have arrived or none leads on.
 
-        Yields the part of the route that is walked. Errors: Ctrl-C's.
+        patience: how many the whole route may seem to take; can be called again with more. Yields the part that is
+        walked. Errors: Ctrl-C's.
         """
         step, growth, detours = self.route.length, 1.0, 0
         with Interruption() as interruption, np.errstate(all="ignore"):
@@ -101,7 +108,9 @@ class RouteManoeuvres:
                     if detours > DETOURS or not self._detour():
                         return
                     step = self.route.length
-                yield self.walked / self.route.length
+                if len(self.controls) >= SEEN and len(self.controls) > patience * self.part:
+                    return
+                yield self.part
                 reach = min(self.route.length, self.walked + step)
                 if not self._manoeuvre(reach, interruption):
                     step, growth = 0.5 * step, 1.0
@@ -132,14 +141,9 @@ class RouteManoeuvres:
     def _derivative(self, control: Control) -> Array:
         """∂end/∂start (dimension, dimension) of a control from `here`, by differences, in units of the scales."""
         space, scales = self.problem.system.state_space, self.problem.scales.states
-        columns = []
-        for aside in NUDGE * np.diag(scales):
-            ends = [
-                self._rough.end(np.asarray(space.retract(self.here, side * aside)), control.coefficients)
-                for side in (1.0, -1.0)
-            ]
-            columns.append(np.asarray(space.difference(*ends)) / scales / (2.0 * NUDGE))
-        derivative = np.array(columns).T
+        starts = [self.here, *(np.asarray(space.retract(self.here, a)) for a in NUDGE * np.diag(scales))]
+        end, *ends = (self._rough.end(start, control.coefficients) for start in starts)
+        derivative = np.array([np.asarray(space.difference(there, end)) / scales for there in ends]).T / NUDGE
         return derivative if np.isfinite(derivative).all() else np.full_like(derivative, np.inf)
 
     def _manoeuvre(self, reach: float, interruption: Interruption) -> bool:
@@ -180,15 +184,11 @@ class RouteManoeuvres:
         path = self._flows[0].states(self.here, control.coefficients)
         if not np.isfinite(path).all() or not self.checks.valid(path[:: len(path) // LOOKS]):
             return None  # most that are not clear, in little time
-        finer_path = self._flows[1].states(self.here, control.coefficients)
-        error = np.abs(finer_path[-1] - path[-1]) / self.problem.scales.points
-        if (
-            not error.max() <= RESOLVED
-            or not np.isfinite(finer_path).all()
-            or not clear(self.checks, finer_path)
-        ):
+        if not clear(self.checks, path):
             return None
-        return self.problem.system.state_space.nearest(finer_path[-1])
+        end = self._flows[1].end(self.here, control.coefficients)
+        error = np.abs(end - path[-1]) / self.problem.scales.points
+        return self.problem.system.state_space.nearest(end) if error.max() <= RESOLVED else None
 
     def _values(self, pose: Array) -> dict[str, Array]:
         return self.problem.system.state_space.unpack(pose)

@@ -21,6 +21,7 @@ from nhpocp.state_space import Block
 
 MISSING = 'routes need OMPL; install it with: pip install "nhpocp[routes]"'
 RANGE = 1.0  # of the pose's scales: the longest edge of a tree
+SELDOM = 8  # edges, after which the time is looked at
 ROOM = 2.0  # of its scale, beside start and goal: where a coordinate without bounds is looked for
 HALF_TURN = np.pi  # beside start and goal, likewise of an angle
 
@@ -89,10 +90,13 @@ def grown(problem: PlanningProblem, poses: Poses, allowed: Allowed, seed: int) -
     space = packing.space(base)
     information = base.SpaceInformation(space)
 
-    deadline, looked = thread_time() + allowed.seconds, 0
+    deadline, looked, late = thread_time() + allowed.seconds, 0, False
 
     def over() -> bool:
-        return thread_time() > deadline or looked > allowed.edges or allowed.stopped()
+        nonlocal late
+        if looked % SELDOM == 0:  # to ask takes as long as to look at an edge
+            late = thread_time() > deadline
+        return late or looked > allowed.edges or allowed.stopped()
 
     class Edges(base.MotionValidator):  # type: ignore[name-defined]
         def checkMotion(self, here: Any, there: Any, *last: Any) -> bool:  # OMPL advances as long as it may
