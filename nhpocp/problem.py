@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numpy as np
 
 from nhpocp.arrays import Array
-from nhpocp.bodies.obstacles import KINDS, Obstacle
+from nhpocp.bodies.obstacles import Obstacle, among_bodies
 from nhpocp.constraints.bound import Bound
 from nhpocp.constraints.registry import bounds_of
 from nhpocp.controls.basis import ControlBasis
@@ -171,7 +171,7 @@ class PlanningProblem(ByValue, Frozen, Shown):
         if asked or self.system.surroundings is not None:
             self.system = self.system.among(self.obstacles if asked else None)
         if self.obstacles:
-            self._check_obstacles()
+            among_bodies(self.obstacles, self.system.model, self.system.bodies_somewhere())
 
     def _take_rest(self) -> None:
         """The system with its start for its pose at rest, where a bound counts from there."""
@@ -179,21 +179,6 @@ class PlanningProblem(ByValue, Frozen, Shown):
         asked = any(bound.quantity in counting for bound in self.bounds)
         if asked or self.system.rest is not None:
             self.system = self.system.resting(self.start_point if asked else None)
-
-    def _check_obstacles(self) -> None:
-        """Errors: `InvalidProblemError` for those in the plane around bodies in space, or the other way round, and for
-        those that are called like a body.
-        """
-        wanted = self.system.dimension_of_bodies
-        wrong = [i for i, obstacle in enumerate(self.obstacles) if obstacle.dimension != wanted]
-        known = ", ".join(name for name, kind in KINDS.items() if kind.dimension == wanted)
-        place = {2: "in the plane", 3: "in space"}[wanted]
-        words = f"the bodies of {self.system.model} are {place}; expected one of {known}"
-        refuse([InvalidProblemError(words, path=f"obstacles[{i}]", at_key=True) for i in wrong])
-        bodies = self.system.names_of_bodies
-        alike = [i for i, obstacle in enumerate(self.obstacles) if obstacle.name in bodies]
-        words = f"a body of {self.system.model} is called so; choose a name other than {', '.join(bodies)}"
-        refuse([InvalidProblemError(words, path=f"obstacles[{i}].name") for i in alike])
 
     def _check_assembly(self, wrong: list[InvalidProblemError]) -> None:
         """Whether the machine can be put together at the start."""

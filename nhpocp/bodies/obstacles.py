@@ -276,6 +276,21 @@ def _name(given: Any) -> str:
     return given
 
 
+def among_bodies(obstacles: Sequence[Obstacle], model: str, bodies: Mapping[str, Hull]) -> None:
+    """Errors: `InvalidProblemError` for those in the plane around bodies in space, or the other way round, and for
+    those that are called like a body.
+    """
+    wanted = next(iter(bodies.values())).dimension
+    wrong = [i for i, obstacle in enumerate(obstacles) if obstacle.dimension != wanted]
+    known = ", ".join(name for name, kind in KINDS.items() if kind.dimension == wanted)
+    place = {2: "in the plane", 3: "in space"}[wanted]
+    words = f"the bodies of {model} are {place}; expected one of {known}"
+    refuse([InvalidProblemError(words, path=f"obstacles[{i}]", at_key=True) for i in wrong])
+    alike = [i for i, obstacle in enumerate(obstacles) if obstacle.name in bodies]
+    words = f"a body of {model} is called so; choose a name other than {', '.join(bodies)}"
+    refuse([InvalidProblemError(words, path=f"obstacles[{i}].name") for i in alike])
+
+
 def _checked(kind: Kind, name: str, value: Any, called: str) -> Any:
     """An entry as plain numbers."""
     path, entry = f"{called}.{name}", kind.entries[name]

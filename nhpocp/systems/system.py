@@ -245,7 +245,7 @@ class System(Frozen, Shown):
         """
         if obstacles is not None and self.surroundings and self.surroundings.obstacles == tuple(obstacles):
             return self  # with all that has been made of it
-        around = None if obstacles is None else Surroundings.of(self._bodies_somewhere(), obstacles)
+        around = None if obstacles is None else Surroundings.of(self.bodies_somewhere(), obstacles)
         return self._known_besides(surroundings=around)
 
     def resting(self, state: Array | None) -> Self:
@@ -269,13 +269,9 @@ class System(Frozen, Shown):
     @property
     def dimension_of_bodies(self) -> int:
         """2 in the plane, 3 in space."""
-        return next(iter(self._bodies_somewhere().values())).dimension
+        return next(iter(self.bodies_somewhere().values())).dimension
 
-    @property
-    def names_of_bodies(self) -> tuple[str, ...]:
-        return tuple(self._bodies_somewhere())
-
-    def _bodies_somewhere(self) -> dict[str, Hull]:
+    def bodies_somewhere(self) -> dict[str, Hull]:
         """The bodies at some state, for what no state changes of them."""
         import numpy as np
 
@@ -305,7 +301,7 @@ class System(Frozen, Shown):
     def _distances(self, state: Array) -> Array:
         """Of symbols by a function that is made once: the expressions are many."""
         assert self.surroundings is not None
-        made = _distance_function(self) if namespace(state) is symbolic() else None
+        made = _distance_function(self) if namespace(state) is not namespace() else None
         return self.surroundings.distances(self.bodies(state)) if made is None else made(state)
 
     @property

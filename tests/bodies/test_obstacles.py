@@ -189,7 +189,7 @@ def test_bodies_have_one_dimension_and_touch_only_each_other(model):
     if not system.has_bodies:
         assert system.among(()).surroundings.pairs == ()
         return
-    bodies = system._bodies_somewhere()
+    bodies = system.bodies_somewhere()
     assert {len(corner) for body in bodies.values() for corner in body.corners} == {
         system.dimension_of_bodies
     }
