@@ -111,6 +111,12 @@ class CasadiNamespace(_Functions):
     def block(self, blocks: Sequence[Sequence[Any]]) -> Array:
         return self._ca.vertcat(*[self._ca.horzcat(*row) for row in blocks])
 
+    def function(self, symbol: Array, expression: Array) -> Any:
+        """symbol ↦ expression, what occurs several times in it worked out once; None where it has other symbols."""
+        shared = self._ca.densify(self._ca.cse(expression))
+        made = self._ca.Function("made", [symbol], [shared], {"allow_free": True})
+        return None if made.has_free() else made
+
     def jacobian(self, expression: Array, variable: Array) -> Array:
         return self._ca.jacobian(expression, variable)
 

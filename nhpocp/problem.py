@@ -171,7 +171,7 @@ class PlanningProblem(ByValue, Frozen, Shown):
         if asked or self.system.surroundings is not None:
             self.system = self.system.among(self.obstacles if asked else None)
         if self.obstacles:
-            self._check_dimensions()
+            self._check_obstacles()
 
     def _take_rest(self) -> None:
         """The system with its start for its pose at rest, where a bound counts from there."""
@@ -180,14 +180,20 @@ class PlanningProblem(ByValue, Frozen, Shown):
         if asked or self.system.rest is not None:
             self.system = self.system.resting(self.start_point if asked else None)
 
-    def _check_dimensions(self) -> None:
-        """Errors: `InvalidProblemError` for obstacles in the plane around bodies in space, and the other way round."""
+    def _check_obstacles(self) -> None:
+        """Errors: `InvalidProblemError` for those in the plane around bodies in space, or the other way round, and for
+        those that are called like a body.
+        """
         wanted = self.system.dimension_of_bodies
         wrong = [i for i, obstacle in enumerate(self.obstacles) if obstacle.dimension != wanted]
         known = ", ".join(name for name, kind in KINDS.items() if kind.dimension == wanted)
         place = {2: "in the plane", 3: "in space"}[wanted]
         words = f"the bodies of {self.system.model} are {place}; expected one of {known}"
         refuse([InvalidProblemError(words, path=f"obstacles[{i}]", at_key=True) for i in wrong])
+        bodies = self.system.names_of_bodies
+        alike = [i for i, obstacle in enumerate(self.obstacles) if obstacle.name in bodies]
+        words = f"a body of {self.system.model} is called so; choose a name other than {', '.join(bodies)}"
+        refuse([InvalidProblemError(words, path=f"obstacles[{i}].name") for i in alike])
 
     def _check_assembly(self, wrong: list[InvalidProblemError]) -> None:
         """Whether the machine can be put together at the start."""

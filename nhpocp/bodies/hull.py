@@ -22,7 +22,8 @@ class Hull:
 
     edges: pairs of corners; faces: corners in order around. rank: dimension of the hull, from 0 for a point.
     directions: edges of which no two are parallel; sides: faces of which no two are. fixed: stands still whatever the
-    state. touches: names of bodies that this one meets by construction.
+    state. touches: names of bodies that this one meets by construction. half: half lengths of a `box`, which has its
+    corners in that function's order.
     """
 
     corners: tuple[Array, ...]
@@ -34,6 +35,7 @@ class Hull:
     radius: float = 0.0
     fixed: bool = False
     touches: tuple[str, ...] = ()
+    half: tuple[float, ...] = ()
 
     @property
     def dimension(self) -> int:
@@ -86,11 +88,15 @@ def box(centre: Array, rotation: Array, half: Sequence[float]) -> Hull:
     """A box with these half lengths along its own axes, the columns of its rotation; in the plane a rectangle."""
     if len(half) == 2:
         ahead, left = half[0] * rotation[:, 0], half[1] * rotation[:, 1]
-        return polygon([centre + a * ahead + b * left for a, b in ((1, 1), (-1, 1), (-1, -1), (1, -1))])
+        corners = [centre + a * ahead + b * left for a, b in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
+        return replace(polygon(corners), half=tuple(map(float, half)))
     first, second = half[0] * rotation[:, 0], half[1] * rotation[:, 1]
     outline = [centre + a * first + b * second for a, b in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
     return replace(
-        prism(outline, half[2] * rotation[:, 2]), directions=((0, 1), (1, 2), (0, 4)), sides=(0, 2, 3)
+        prism(outline, half[2] * rotation[:, 2]),
+        directions=((0, 1), (1, 2), (0, 4)),
+        sides=(0, 2, 3),
+        half=tuple(map(float, half)),
     )
 
 

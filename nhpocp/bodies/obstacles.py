@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import hypot
 from typing import Any, Literal
@@ -11,10 +12,11 @@ from typing import Any, Literal
 from nhpocp import so3
 from nhpocp.bodies.hull import HalfSpace, Hull, ball, box, capsule, hull_of, polygon
 from nhpocp.declared import real
-from nhpocp.errors import InvalidProblemError, describe
+from nhpocp.errors import InvalidProblemError, describe, refuse
 from nhpocp.frozen import ByValue, Frozen
 from nhpocp.written_numbers import numbers_in
 
+NAME = re.compile(r"\w([\w -]{0,38}\w)?")
 MOST_CORNERS = 64  # of a mesh: every edge of it meets every edge of every body, in each of an NLP's intervals
 Value = Literal["place", "direction", "size", "sizes", "angles", "angle", "places", "file"]
 
@@ -144,7 +146,7 @@ class Obstacle(ByValue, Frozen):
 
     kind: in space sphere, capsule, box, half_space or mesh, in the plane disc, rectangle, polygon or half_plane.
     entries: its place and size [length], angles [rad], by the names that a file has for them. name: in messages; none:
-    the kind, and in a problem a number.
+    the kind, and in a problem its number among those of that kind.
     Errors: `InvalidProblemError` for a kind, or an entry, that is none.
     """
 
@@ -196,10 +198,15 @@ class Obstacle(ByValue, Frozen):
         values = [self.entries.get(name, entry.default) for name, entry in kind.entries.items()]
         return kind.shape(*(np.array(value) if isinstance(value, tuple) else value for value in values))
 
+    @property
+    def own_name(self) -> str:
+        """The name that was given to it; empty where its kind, and a number, stand for one."""
+        return self.name if _is_own(self.name, self.kind) else ""
+
     def as_data(self) -> dict[str, Any]:
         """As a file writes it."""
         plain = {name: _listed(value) for name, value in self.entries.items()}
-        return {self.kind: plain}
+        return ({"name": self.own_name} if self.own_name else {}) | {self.kind: plain}
 
     @classmethod
     def several(cls, given: Any) -> tuple[Obstacle, ...]:
@@ -220,20 +227,53 @@ class Obstacle(ByValue, Frozen):
         count: dict[str, int] = {}
         named = []
         for each in made:
-            count[each.kind] = count.get(each.kind, 0) + 1
-            name = f"{each.kind.replace('_', ' ')} {count[each.kind]}"
+            if not each.own_name:
+                count[each.kind] = count.get(each.kind, 0) + 1
+            name = each.own_name or f"{_words(each.kind)} {count[each.kind]}"
             named.append(cls(each.kind, each.entries, name=name))
+        names = [each.name for each in named]
+        refuse(
+            [
+                InvalidProblemError("another obstacle is called so", path=f"obstacles[{i}].name")
+                for i, name in enumerate(names)
+                if name in names[:i]
+            ]
+        )
         return tuple(named)
+
+
+def _words(kind: str) -> str:
+    return kind.replace("_", " ")
+
+
+def _is_own(name: str, kind: str) -> bool:
+    """Whether a name is none that obstacles of a kind have without one."""
+    return not re.fullmatch(rf"{kind}|{_words(kind)}( \d+)?", name)
 
 
 def _one(given: Any) -> Obstacle:
     if isinstance(given, Obstacle):
         return given
-    if not isinstance(given, Mapping) or len(given) != 1:
+    entries = (
+        {key: value for key, value in given.items() if key != "name"} if isinstance(given, Mapping) else {}
+    )
+    if len(entries) != 1:
         words = f"expected one of {', '.join(KINDS)}, and its entries; got {describe(given)}"
         raise InvalidProblemError(words)
-    ((kind, entries),) = given.items()
-    return Obstacle(kind, entries)
+    ((kind, numbers),) = entries.items()
+    obstacle = Obstacle(kind, numbers)
+    return obstacle if given.get("name") is None else replace(obstacle, name=_name(given["name"]))
+
+
+def _name(given: Any) -> str:
+    """A name as it may stand in a message beside those of bodies."""
+    if not isinstance(given, str) or not NAME.fullmatch(given):
+        words = f"expected a name of letters, digits, blanks, '_' and '-', got {describe(given)}"
+        raise InvalidProblemError(words, path="name")
+    if any(not _is_own(given, kind) for kind in KINDS):
+        words = f"{given!r} is what an obstacle without a name is called; choose another, or leave it out"
+        raise InvalidProblemError(words, path="name")
+    return given
 
 
 def _checked(kind: Kind, name: str, value: Any, called: str) -> Any:

@@ -46,7 +46,9 @@ def _model(name: str, kind: Kind) -> type[Strict]:
 
 
 class ObstacleData(Strict):
-    """One obstacle: a kind, and its place and size."""
+    """One obstacle: a kind, with its place and size, and a name for messages if it is to have one."""
+
+    name: str | None = Field(default=None, description="in messages, as in distance[leg 1, pillar]")
 
 
 if not TYPE_CHECKING:
@@ -63,9 +65,9 @@ def plain_obstacles(given: Sequence[ObstacleData]) -> list[dict[str, Any]]:
     """As `PlanningProblem` takes them."""
     return [
         {
-            name: {key: getattr(value, key) for key in value.model_fields_set}
-            for name in each.model_fields_set
-            if (value := getattr(each, name)) is not None
+            key: value if key == "name" else {name: getattr(value, name) for name in value.model_fields_set}
+            for key in each.model_fields_set
+            if (value := getattr(each, key)) is not None
         }
         for each in given
     ]

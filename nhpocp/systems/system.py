@@ -12,7 +12,7 @@ from nhpocp.bodies.surroundings import Surroundings
 from nhpocp.constructed import add_to_manual
 from nhpocp.errors import CallError, InvalidProblemError, expect, suggestion
 from nhpocp.frozen import Frozen, as_value
-from nhpocp.kept import Kept
+from nhpocp.kept import Kept, kept
 from nhpocp.plain_text import as_call
 from nhpocp.shown import Shown
 from nhpocp.state_space import Block, StateSpace, check_distinct, scalar, vector
@@ -243,6 +243,8 @@ class System(Frozen, Shown):
 
         None takes it away again.
         """
+        if obstacles is not None and self.surroundings and self.surroundings.obstacles == tuple(obstacles):
+            return self  # with all that has been made of it
         around = None if obstacles is None else Surroundings.of(self._bodies_somewhere(), obstacles)
         return self._known_besides(surroundings=around)
 
@@ -269,6 +271,10 @@ class System(Frozen, Shown):
         """2 in the plane, 3 in space."""
         return next(iter(self._bodies_somewhere().values())).dimension
 
+    @property
+    def names_of_bodies(self) -> tuple[str, ...]:
+        return tuple(self._bodies_somewhere())
+
     def _bodies_somewhere(self) -> dict[str, Hull]:
         """The bodies at some state, for what no state changes of them."""
         import numpy as np
@@ -285,16 +291,22 @@ class System(Frozen, Shown):
         if self.rest is not None:
             own = {**own, **self.from_rest(state, namespace().array(self.rest))}
         if self.surroundings is not None:
-            own = {**own, DISTANCE: self.surroundings.distances(self.bodies(state))}
+            own = {**own, DISTANCE: self._distances(state)}
         return own
 
     def quantity(self, name: str, state: Array, control: Array) -> Array:
         """One of `quantities`."""
         if self.surroundings is not None and name == DISTANCE:
-            return self.surroundings.distances(self.bodies(state))
+            return self._distances(state)
         if self.rest is not None and name in (block.name for block in self.rest_blocks):
             return self.from_rest(state, namespace().array(self.rest))[name]
         return self.output(name, state, control)
+
+    def _distances(self, state: Array) -> Array:
+        """Of symbols by a function that is made once: the expressions are many."""
+        assert self.surroundings is not None
+        made = _distance_function(self) if namespace(state) is symbolic() else None
+        return self.surroundings.distances(self.bodies(state)) if made is None else made(state)
 
     @property
     def quantity_blocks(self) -> tuple[Block, ...]:
@@ -376,3 +388,11 @@ class System(Frozen, Shown):
         kinds are in "replaces". The functions of `systems.solids` make them.
         """
         return {"lines": {}, "points": {}}
+
+
+@kept(most=64)
+def _distance_function(system: System) -> Any:
+    """x ↦ the distances of a system's pairs; None where its parameters are symbols."""
+    xp, around = symbolic(), system.surroundings
+    x = xp.symbol(system.state_space.size)
+    return xp.function(x, around.distances(system.bodies(x))) if around is not None else None

@@ -84,7 +84,7 @@ class Check:
     @property
     def method(self) -> str:
         legs = "; legs by five-point differences of their frames" if geometry.has_legs(self.system) else ""
-        distances = f"; {measured_by()}" if self._apart else ""
+        distances = f"; {measured_by(self.system.surroundings)}" if self._apart else ""
         return f"{METHOD}{legs}{distances}"
 
     @cached_property

@@ -2,7 +2,8 @@
 
 That is the GJK algorithm of the Flexible Collision Library (python-fcl) on the convex hulls of corners; where it is not
 installed, the point of least norm in the hull of all differences of corners, by non-negative least squares [Lawson &
-Hanson, ch. 23]. Radii are taken off afterwards. Overlapping hulls are told as such, not how deep.
+Hanson, ch. 23]. Radii are taken off afterwards. Overlapping hulls are told as such, not how deep. From a half space a
+hull is as far as its lowest corner, with the library and without.
 """
 
 from __future__ import annotations
@@ -26,11 +27,13 @@ PARTS, MOST = 8, 40_000  # into which an interval in doubt is cut, and samples t
 Between = Callable[[Array, Array], Array]  # corners (n, d) and (m, d) ↦ the distance of their hulls
 
 
-def measured_by() -> str:
+def measured_by(around: Surroundings) -> str:
     """What measures here, in words."""
-    if _fcl() is not None:
-        return "distances by python-fcl"
-    return 'distances by least squares, for python-fcl is missing (pip install "nhpocp[distances]")'
+    flat = any(isinstance(shape, HalfSpace) for shape in around.shapes().values())
+    words = "distances by python-fcl"
+    if _fcl() is None:
+        words = 'distances by least squares, for python-fcl is missing (pip install "nhpocp[distances]")'
+    return f"{words}, those from half spaces by the heights of corners" if flat else words
 
 
 def _fcl() -> Any:

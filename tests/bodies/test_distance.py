@@ -127,6 +127,25 @@ def test_the_way_out_is_the_shortest():
     assert deep
 
 
+@pytest.mark.parametrize(
+    ("one", "other"), [(one, "box") for one in SPACE] + [(one, "rectangle") for one in PLANE]
+)
+def test_a_box_is_as_far_as_the_hull_of_its_corners(one, other):
+    """Inside and outside; along its axes, where several features are equally near, too."""
+    first, second = ({**SPACE, **PLANE}[name] for name in (one, other))
+    rng = np.random.default_rng(4)
+    for k in range(12):
+        here, there = placed(first, rng), placed(second, rng)
+        if k % 3 == 0:  # side by side
+            here = first.moved(
+                np.eye(first.dimension)[k // 3 % first.dimension] * rng.uniform(0, 2), np.eye(first.dimension)
+            )
+            there = second
+        plain = replace(there, half=())
+        assert float(distance(here, there)) == pytest.approx(float(distance(here, plain)), abs=1e-9)
+        assert float(distance(there, here)) == pytest.approx(float(distance(here, there)), abs=1e-9)
+
+
 def test_a_half_space_is_left_along_its_normal():
     wall = HalfSpace(np.array([0, 0, 1.0]), np.array([0, 0, 1.0]))
     bar = hull.capsule(np.array([0, 0, 3.0]), np.array([5, 0, 2.5]), 0.5)

@@ -95,6 +95,42 @@ def test_what_is_no_obstacle_is_refused_at_its_place(changed, place, words):
     assert words in str(refused.value)
 
 
+PILLAR = "  - name: {}\n    capsule: {{from: [-12, -12, 20], to: [-12, 10, 26], radius: 2}}\n"
+
+
+def test_an_obstacle_may_have_a_name_which_messages_say():
+    unnamed = PILLAR.replace("name: {}\n    ", "").format()
+    text = f"{ROBOT}obstacles:\n{PILLAR.format('pillar')}{unnamed}constraints: {{distance: 1}}\n"
+    problem = parse_problem(text)
+    assert [obstacle.name for obstacle in problem.obstacles] == ["pillar", "capsule 1"]
+    assert "distance[leg 3, pillar]" in nhpocp.solve(problem).message
+    again = parse_problem(dump_problem(problem.with_()))
+    assert again.obstacles == problem.obstacles
+    assert again.obstacles[0].as_data()["name"] == "pillar"
+    assert "name" not in again.obstacles[1].as_data()
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("leg 1", "a body of three_upu is called so; choose a name other than base, platform, leg 1"),
+        ("sphere 1", "is what an obstacle without a name is called"),
+        ("'a, b'", "expected a name of letters"),
+        ("3", "expected text"),
+    ],
+)
+def test_a_name_that_would_not_tell_is_refused_at_its_place(name, words):
+    with pytest.raises(nhpocp.InvalidProblemError) as refused:
+        read_text(f"{ROBOT}obstacles:\n{PILLAR.format(name)}", "p.yaml")
+    assert str(refused.value).startswith("p.yaml:6:11: obstacles[0].name: ")
+    assert words in str(refused.value)
+
+
+def test_two_obstacles_of_one_name_are_refused():
+    with pytest.raises(nhpocp.InvalidProblemError, match=r"obstacles\[1\]\.name: another obstacle"):
+        read_text(f"{ROBOT}obstacles:\n{2 * PILLAR.format('pillar')}")
+
+
 def test_a_polygon_with_a_dent_and_a_system_without_bodies_are_refused():
     dent = "obstacles: [{polygon: {corners: [[0, 0], [4, 0], [4, 4], [3, 1]]}}]\n"
     with pytest.raises(nhpocp.InvalidProblemError, match=r"obstacles\[0\]\.polygon\.corners: .*not convex"):
@@ -218,7 +254,9 @@ def parked():
 
 def test_without_the_library_a_second_formula_measures_and_is_named(parked, monkeypatch):
     assert parked.converged
-    assert parked.verdict.method.endswith("distances by python-fcl")
+    assert parked.verdict.method.endswith(
+        "distances by python-fcl, those from half spaces by the heights of corners"
+    )
     (report,) = [report for report in parked.verdict.bounds if report.bound.label == "distance"]
     imported = builtins.__import__
 

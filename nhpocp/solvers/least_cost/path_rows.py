@@ -15,7 +15,7 @@ import casadi as ca
 import numpy as np
 
 from nhpocp.arrays import Array
-from nhpocp.calls import call, mapped
+from nhpocp.calls import call, mapped, side_by_side
 from nhpocp.constraints.bound import Bound, BoundReport, check_bounds, in_shape
 from nhpocp.controls.basis import ControlBasis
 from nhpocp.controls.control import Control
@@ -221,11 +221,11 @@ class _Boxed(_Family):
         self._sides = _sides(bound, shape)
 
     def values(self, states: Array, controls: Array) -> Array:
-        (values,) = call(mapped(self._value, len(states)), states, controls)
+        (values,) = call(side_by_side(self._value, len(states)), states, controls)
         return self._sides.rows(values.reshape(len(states), -1))
 
     def slopes(self, states: Array, controls: Array) -> tuple[Array, Array]:
-        (slopes,) = call(mapped(self._slope, len(states)), states, controls)
+        (slopes,) = call(side_by_side(self._slope, len(states)), states, controls)
         size, inputs = states.shape[1], controls.shape[1]
         scaled = self._sides.scaled(slopes.reshape(len(states), size + inputs, -1).swapaxes(1, 2))
         return scaled[:, :, :size], scaled[:, :, size:]
@@ -240,8 +240,9 @@ def _quantity_functions(system: System, name: str) -> tuple[ca.Function, ca.Func
     inputs = system.input_space.size
     x, u = ca.SX.sym("x", system.state_space.size), ca.SX.sym("u", (1 + system.accelerated) * inputs)
     value = ca.densify(ca.SX(quantity(system, name, x, u[:inputs], u[inputs:])))
-    flat = ca.reshape(value.T, -1, 1)
-    slope = ca.densify(ca.jacobian(flat, ca.vertcat(x, u)))
+    flat = ca.cse(ca.reshape(value.T, -1, 1))
+    # rows of distances have little in common: one sweep backwards for each, not one through all of them for each state
+    slope = ca.densify(ca.jacobian(flat, ca.vertcat(x, u), {"allow_forward": False}))
     shape = tuple(size for size in value.shape if size != 1)
     return ca.Function("quantity", [x, u], [flat]), ca.Function("slope", [x, u], [slope]), shape
 
