@@ -10,7 +10,6 @@ from typing import Any, ClassVar
 import numpy as np
 
 from nhpocp import declared
-from nhpocp.constraints.bound import check_bounds
 from nhpocp.constructed import Constructed
 from nhpocp.controls.piecewise_constant import PiecewiseConstant
 from nhpocp.declared import check
@@ -24,6 +23,7 @@ from nhpocp.solution import Progress, Solution, telling
 from nhpocp.solvers.continuation.auto import Auto
 from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.step_rules import Adaptive
+from nhpocp.solvers.nlp.first_plan import LoweredGuess, dearer, handed_back, reaches
 from nhpocp.solvers.nlp.guesses import GuessMaker, ProblemGuess, SolverGuess, StraightGuess
 from nhpocp.solvers.nlp.ipopt import Ipopt
 from nhpocp.solvers.nlp.least_time import COARSER, COARSEST, CoarseGuess, singular_arcs
@@ -107,7 +107,8 @@ class MultipleShooting(Constructed):
         if words := OBJECTIVES[problem.objective].lacking_control(basis):
             hint = "" if self.over_basis else "; write control: basis"
             raise InvalidProblemError(f"{words}{hint}", path="solvers.nlp.control")
-        ended = list(self._from_starts(problem, progress))
+        runs = list(self._from_starts(problem, progress))
+        ended, plan = [solution for solution, _ in runs], self._plan(runs[0][1])
         details: dict[str, Any] = {}
         if self.starts > 1:
             details["starts"] = [
@@ -115,8 +116,8 @@ class MultipleShooting(Constructed):
                 for i, solution in enumerate(ended)
             ]
         best = max(ended, key=_rank)
-        if not _well(best) and best.outcome is not Outcome.INTERRUPTED:
-            best = self._from_other_guesses(problem, progress, best, ended)
+        if not _well(best, plan) and best.outcome is not Outcome.INTERRUPTED:
+            best = self._from_other_guesses(problem, progress, best, ended, plan)
         best = _summed(best, ended, details)
         if self.mesh_check and best.outcome is Outcome.CONVERGED and best.details.get("certified", True):
             began = perf_counter()
@@ -129,49 +130,74 @@ class MultipleShooting(Constructed):
             best = replace(best, warnings=[*best.warnings, *filter(None, [words])])
         return best
 
-    def _from_starts(self, problem: PlanningProblem, progress: Progress | None) -> Iterator[Solution]:
-        """One solution a start."""
+    def _from_starts(
+        self, problem: PlanningProblem, progress: Progress | None
+    ) -> Iterator[tuple[Solution, Run]]:
+        """One solution a start, and the run that led to it."""
         for start in range(self.starts):
             maker = self.guess if start == 0 else ProblemGuess()
             told = telling(progress, way=f"start {start + 1} of {self.starts}" if self.starts > 1 else None)
-            solution = self._run(
-                problem, told, maker, self.seed + start if start else 0, self._allowed
-            ).solve()
-            yield solution
+            run = self._run(problem, told, maker, self.seed + start if start else 0, self._allowed)
+            solution = run.solve()
+            yield solution, run
             if solution.outcome is Outcome.INTERRUPTED:
                 break
 
     def _from_other_guesses(
-        self, problem: PlanningProblem, progress: Progress | None, best: Solution, ended: list[Solution]
+        self,
+        problem: PlanningProblem,
+        progress: Progress | None,
+        best: Solution,
+        ended: list[Solution],
+        plan: Solution | None,
     ) -> Solution:
-        """What other guesses lead to, added to ``ended``: the first that ends well, else the best so far."""
+        """What other guesses lead to, added to ``ended``: the first that ends well, else the best so far, or the plan.
+
+        plan: another solver's, at hand, than which nothing may be dearer.
+        """
         tried = [f"{self.guess.kind}: {_in_short(best)}"]
-        budget, reached = self._allowed, None
+        budget = self._allowed
         left = budget * self.starts - sum(map(_iterations, ended)) if budget else None
         known: list[GuessMaker] = [StraightGuess(), SolverGuess(self._continuation), ProblemGuess()]
-        others = [maker for maker in known if maker.kind != self.guess.kind]
-        for maker in others:
+        waiting = [maker for maker in known if maker.kind != self.guess.kind]
+        lowered = self._lowered(problem, plan) if plan else None
+        waiting[:0] = [lowered] if lowered else []
+        while waiting:
             if left is not None and left <= 0:
                 tried.append("max_iterations was reached")
                 break
+            maker = waiting.pop(0)
             told = telling(progress, way=f"from the guess {maker.kind}")
-            run = self._run(problem, told, maker, 0, left, last=maker is others[-1])
+            last = not waiting and not isinstance(maker, SolverGuess)
+            run = self._run(problem, told, maker, 0, left, last=last)
             solution = run.solve()
             ended.append(solution)
             if solution.outcome is Outcome.INTERRUPTED:
                 return solution
-            if _well(solution):
+            if plan is None and (plan := self._plan(run)):
+                lowered = self._lowered(problem, plan)
+                waiting.insert(0, lowered)
+            if _well(solution, plan):
                 words = f"this is the plan from the guess {maker.kind}; others before: {'; '.join(tried)}"
                 return replace(solution, warnings=[*solution.warnings, words])
             tried.append(f"{maker.kind}: {_in_short(solution)}")
             left = left - _iterations(solution) if left is not None else None
-            reached = reached or run.origin
         words = f"Guesses that were tried: {'; '.join(tried)}."
-        if stalled := _uncertified(ended):
+        stalled = _uncertified(ended)
+        if stalled and (plan is None or not dearer(stalled, plan)):
             return replace(stalled, message=f"{stalled.message} {words}")
-        if reached and best.outcome is not Outcome.CONVERGED and (plan := _taken_over(best, reached)):
-            return replace(plan, message=f"{plan.message} {words}")
+        if plan and lowered:
+            least = plan if dearer(lowered.solution, plan) else lowered.solution
+            best = handed_back(best, plan, least)
         return replace(best, message=f"{best.message} {words}")
+
+    def _plan(self, run: Run) -> Solution | None:
+        """The plan that a run began with, if another solver made one that counts."""
+        return run.origin if run.origin and reaches(run.origin, self.tolerance) else None
+
+    def _lowered(self, problem: PlanningProblem, plan: Solution) -> LoweredGuess:
+        basis = problem.basis if self.over_basis else PiecewiseConstant(self.intervals)
+        return LoweredGuess(plan, basis, self.tolerance)
 
     def _run(
         self,
@@ -207,10 +233,11 @@ def _objective(solution: Solution) -> float:
     return np.inf if value is None else float(value)
 
 
-def _well(solution: Solution) -> bool:
-    """Whether an optimum is what it says, as far as finer steps and the determinants' signs tell."""
+def _well(solution: Solution, plan: Solution | None = None) -> bool:
+    """Whether an optimum is what it says, as far as finer steps and the determinants' signs tell, and beats a plan."""
     gap, one_side = solution.details.get("resimulated_gap", 0.0), solution.details.get("one_side", True)
-    return solution.outcome is Outcome.CONVERGED and bool(one_side and gap <= solution.tolerance)
+    stands = solution.outcome is Outcome.CONVERGED and bool(one_side and gap <= solution.tolerance)
+    return stands and (plan is None or (reaches(solution, solution.tolerance) and not dearer(solution, plan)))
 
 
 def _uncertified(ended: list[Solution]) -> Solution | None:
@@ -227,40 +254,14 @@ def _uncertified(ended: list[Solution]) -> Solution | None:
     ]
     if not plans:
         return None
-    return _reached(min(plans, key=_objective), "")
-
-
-def _reached(plan: Solution, why: str) -> Solution:
-    """A solution that claims the goal, but no optimum, and says so."""
-    words = f"Reached; optimality is not certified{why}"
+    least, words = min(plans, key=_objective), "Reached; optimality is not certified"
     return replace(
-        plan,
+        least,
         outcome=Outcome.CONVERGED,
-        message=f"{words}. {plan.message}",
-        warnings=[*plan.warnings, words],
-        details={**plan.details, "certified": False},
+        message=f"{words}. {least.message}",
+        warnings=[*least.warnings, words],
+        details={**least.details, "certified": False},
     )
-
-
-def _taken_over(failed: Solution, plan: Solution) -> Solution | None:
-    """A guess that reaches the goal within every bound, where no optimum was found: what there is, in true words."""
-    problem = failed.problem
-    within = all(r.ok for r in check_bounds(problem.bounds, plan.trajectory["t"], plan.trajectory))
-    if problem.horizon.free or not within or not plan.final_error <= failed.tolerance:
-        return None
-    cost = plan.costs.get(problem.objective)
-    details = {**failed.details, "guess": "jacobian", "objective_value": cost}
-    for name in ("costates", "optimality"):
-        details.pop(name, None)
-    taken = replace(
-        failed,
-        final_error=plan.final_error,
-        control=plan.control,
-        trajectory=plan.trajectory,
-        costs=plan.costs,
-        details=details,
-    )
-    return _reached(taken, ": this is the guess, over the problem's own basis")
 
 
 def _rank(solution: Solution) -> tuple[bool, bool, float]:

@@ -94,11 +94,18 @@ class Run:
     def solve(self) -> Solution:
         began = perf_counter()
         try:
-            guess = make_guess(self.maker, self.problem, self.basis, self.solver.intervals, self.seed)
+            guess = make_guess(
+                self.maker,
+                self.problem,
+                self.basis,
+                self.solver.intervals,
+                self.seed,
+                self.solver.tolerance,
+            )
         except NoGuessError as error:
             sentence, seconds = f"No guess to start from: {error.message}.", perf_counter() - began
             return unsolved(self.problem, self.solver, error.outcome, sentence, build_seconds=seconds)
-        self.origin = guess.origin
+        self.origin = guess.origin or getattr(self.maker, "origin", None)
         if guess.origin:
             self.evaluations += guess.origin.evaluations
             if guess.origin.outcome is not Outcome.CONVERGED:

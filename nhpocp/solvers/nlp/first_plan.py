@@ -1,0 +1,168 @@
+"""The plan of another solver that an NLP begins with: over the NLP's control, at less cost, or handed back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import ClassVar
+
+from nhpocp.constraints.bound import check_bounds
+from nhpocp.controls.basis import ControlBasis
+from nhpocp.controls.control import Control
+from nhpocp.controls.projection import project
+from nhpocp.flow.simulation import simulate
+from nhpocp.objectives.registry import OBJECTIVES, costs_of_motion
+from nhpocp.outcome import Outcome
+from nhpocp.problem import PlanningProblem
+from nhpocp.solution import Solution
+from nhpocp.solvers.continuation.confirmation import begun_from, confirmed
+from nhpocp.solvers.continuation.continuation import Continuation
+from nhpocp.solvers.continuation.continuation_result import ContinuationResult
+from nhpocp.solvers.continuation.step_rules import Adaptive
+
+NEARER = 0.1  # of the tolerance: so near does a plan come that is handed back, whoever integrates it
+UPDATES = 60  # to the goal over another basis; what fits that basis takes a few
+DESCENT = 150  # updates to less cost
+SAME = 1e-9  # of a cost: rounding
+# what is said of an optimizer's end, and not of the point that it ended at
+KEPT = ("status", "guess_defect", "starts", "attempts")
+
+
+def brought(plan: Solution, tolerance: float) -> Solution:
+    """A plan of a looser solver, as near to the goal as ``tolerance`` asks and within the bounds; itself if not."""
+    if plan.outcome is not Outcome.CONVERGED and not plan.final_error <= plan.tolerance:
+        return plan
+    found = _search(plan.problem, plan.control, tolerance)
+    if found.outcome is not Outcome.CONVERGED:
+        return plan
+    motion = simulate(plan.problem, found.control)
+    return replace(
+        plan,
+        outcome=found.outcome,
+        message=f"{found.message}.",
+        tolerance=tolerance,
+        final_error=found.error,
+        control=found.control,
+        trajectory=motion.trajectory,
+        costs=motion.costs,
+        evaluations=plan.evaluations + len(found.records),
+    )
+
+
+def over(problem: PlanningProblem, control: Control, basis: ControlBasis, tolerance: float) -> Control | None:
+    """The nearest control over a basis, corrected until it leads to the goal; None where it does not."""
+    if control.basis == basis:
+        return control
+    found = _search(replace(problem, bounds=()), project(control, basis), tolerance, UPDATES)
+    return found.control if found.outcome is Outcome.CONVERGED else None
+
+
+def reaches(plan: Solution | None, tolerance: float) -> bool:
+    """Whether there is a plan that comes so near to the goal and keeps every bound."""
+    if plan is None or plan.outcome is not Outcome.CONVERGED or not plan.final_error <= tolerance:
+        return False
+    return all(
+        report.ok for report in check_bounds(plan.problem.bounds, plan.trajectory["t"], plan.trajectory)
+    )
+
+
+def cost_of(solution: Solution) -> float:
+    """By the problem's objective; of the motion, not what an optimizer makes of it."""
+    return float(solution.costs.get(solution.problem.objective, solution.control.horizon))
+
+
+def dearer(solution: Solution, plan: Solution) -> bool:
+    """Whether a solution costs more than a plan, or nobody knows what."""
+    return not cost_of(solution) <= cost_of(plan) + SAME * abs(cost_of(plan))
+
+
+def _search(
+    problem: PlanningProblem,
+    control: Control,
+    tolerance: float,
+    updates: int = 500,
+    objective: str = "none",
+) -> ContinuationResult:
+    """The Jacobian method from a control, confirmed by finer steps."""
+    solver = Continuation(
+        step_rule=Adaptive(), tolerance=NEARER * tolerance, max_iterations=updates, objective=objective
+    )
+    return confirmed(solver, begun_from(problem, control))
+
+
+@dataclass(frozen=True)
+class LoweredGuess:
+    """A plan at less cost: taken down in the null space of the end point's Jacobian, where every step is a plan.
+
+    Over the NLP's own basis, so that only what that search has left is the NLP's to do; first over the plan's own where
+    the plan, of many manoeuvres, does not fit that basis. plan: that reaches the goal. basis: the NLP's.
+    """
+
+    plan: Solution
+    basis: ControlBasis
+    tolerance: float
+    kind: ClassVar[str] = "jacobian, at less cost"
+
+    def control(self, problem: PlanningProblem, horizon: float, seed: int) -> Control:
+        return self.solution.control
+
+    @cached_property
+    def solution(self) -> Solution:
+        """The plan at less cost; itself where there is none over the basis."""
+        plan, tolerance = self.plan, self.tolerance
+        control = over(plan.problem, plan.control, self.basis, tolerance)
+        if control is None:
+            less = self._lowered(plan.control).control
+            control = over(plan.problem, less, self.basis, tolerance)
+        found = self._lowered(control) if control else None
+        if found is None or found.outcome is not Outcome.CONVERGED:
+            return plan
+        motion = simulate(plan.problem, found.control)
+        return replace(
+            plan,
+            message=f"{found.message}.",
+            final_error=found.error,
+            control=found.control,
+            trajectory=motion.trajectory,
+            costs=motion.costs,
+            evaluations=len(found.records),
+        )
+
+    def _lowered(self, control: Control) -> ContinuationResult:
+        problem, name = self.plan.problem, self.plan.problem.objective
+        searched = name in costs_of_motion() and not OBJECTIVES[name].lacking_control(control.basis)
+        return _search(problem, control, self.tolerance, DESCENT, name if searched else "none")
+
+
+def handed_back(failed: Solution, plan: Solution, least: Solution) -> Solution:
+    """What there is where no NLP ended with an optimum that costs less than the plan it began with, in true words.
+
+    failed: how the NLP ended. least: the plan, or what it came to over the NLP's control.
+    """
+    name, cost = failed.problem.objective, cost_of(failed)
+    if failed.outcome is Outcome.CONVERGED and reaches(failed, failed.tolerance):
+        why = f"the NLP's optimum costs {name} {cost:.6g}, and the plan {cost_of(plan):.6g}"
+    elif failed.outcome is Outcome.CONVERGED:
+        why = "finer steps refute the NLP's optimum"
+    else:
+        why = f"the NLP ended as {failed.outcome.value}"
+    if least is not plan:
+        why += f"; motion in the null space took its {name} from {cost_of(plan):.6g} to {cost_of(least):.6g}"
+    words = f"Reached; optimality is not certified; the plan it began with is handed back: {why}"
+    details = {key: failed.details[key] for key in KEPT if key in failed.details} | {
+        "guess": "jacobian",
+        "objective_value": cost_of(least),
+        "certified": False,
+        "handed_back": {"outcome": failed.outcome.value, "plan": cost_of(plan)},
+    }
+    return replace(
+        failed,
+        outcome=Outcome.CONVERGED,
+        message=f"{words}.",
+        warnings=[*failed.warnings, words],
+        final_error=least.final_error,
+        control=least.control,
+        trajectory=least.trajectory,
+        costs=least.costs,
+        details=details,
+    )
