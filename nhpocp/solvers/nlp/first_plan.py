@@ -94,8 +94,9 @@ def _search(
 class LoweredGuess:
     """A plan at less cost: taken down in the null space of the end point's Jacobian, where every step is a plan.
 
-    Over the NLP's own basis, so that only what that search has left is the NLP's to do; first over the plan's own where
-    the plan, of many manoeuvres, does not fit that basis. plan: that reaches the goal. basis: the NLP's.
+    Over its own basis, and over the NLP's, from where only what that search has left is the NLP's to do. The former
+    because a plan of many manoeuvres may fit the NLP's basis only once it has become calmer, and ends elsewhere.
+    plan: that reaches the goal. basis: the NLP's.
     """
 
     plan: Solution
@@ -104,22 +105,33 @@ class LoweredGuess:
     kind: ClassVar[str] = "jacobian, at less cost"
 
     def control(self, problem: PlanningProblem, horizon: float, seed: int) -> Control:
-        return self.solution.control
+        mine = [plan for plan in self._plans if plan.control.basis == self.basis]
+        return min(mine or self._plans, key=cost_of).control
+
+    @property
+    def least(self) -> Solution:
+        """The plan itself, or what costs less."""
+        return min(self._plans, key=cost_of)
 
     @cached_property
-    def solution(self) -> Solution:
-        """The plan at less cost; itself where there is none over the basis."""
-        plan, tolerance = self.plan, self.tolerance
-        control = over(plan.problem, plan.control, self.basis, tolerance)
-        if control is None:
-            less = self._lowered(plan.control).control
-            control = over(plan.problem, less, self.basis, tolerance)
-        found = self._lowered(control) if control else None
-        if found is None or found.outcome is not Outcome.CONVERGED:
-            return plan
+    def _plans(self) -> list[Solution]:
+        """The plan, and what the search leads to from it."""
+        plans = [self.plan, *self._lowered(self.plan.control)]
+        for plan in list(plans):
+            control = over(plan.problem, plan.control, self.basis, self.tolerance)
+            if control and plan.control.basis != self.basis:
+                plans += self._lowered(control)
+        return plans
+
+    def _lowered(self, control: Control) -> list[Solution]:
+        """One plan at less cost, or none."""
+        plan, name = self.plan, self.plan.problem.objective
+        searched = name in costs_of_motion() and not OBJECTIVES[name].lacking_control(control.basis)
+        found = _search(plan.problem, control, self.tolerance, DESCENT, name if searched else "none")
         motion = simulate(plan.problem, found.control)
-        return replace(
+        lowered = replace(
             plan,
+            outcome=found.outcome,
             message=f"{found.message}.",
             final_error=found.error,
             control=found.control,
@@ -127,11 +139,7 @@ class LoweredGuess:
             costs=motion.costs,
             evaluations=len(found.records),
         )
-
-    def _lowered(self, control: Control) -> ContinuationResult:
-        problem, name = self.plan.problem, self.plan.problem.objective
-        searched = name in costs_of_motion() and not OBJECTIVES[name].lacking_control(control.basis)
-        return _search(problem, control, self.tolerance, DESCENT, name if searched else "none")
+        return [lowered] if reaches(lowered, self.tolerance) else []
 
 
 def handed_back(failed: Solution, plan: Solution, least: Solution) -> Solution:

@@ -187,8 +187,7 @@ class MultipleShooting(Constructed):
         if stalled and (plan is None or not dearer(stalled, plan)):
             return replace(stalled, message=f"{stalled.message} {words}")
         if plan and lowered:
-            least = plan if dearer(lowered.solution, plan) else lowered.solution
-            best = handed_back(best, plan, least)
+            best = handed_back(best, plan, lowered.least)
         return replace(best, message=f"{best.message} {words}")
 
     def _plan(self, run: Run) -> Solution | None:
