@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import ClassVar
+
+import numpy as np
 
 from nhpocp.constraints.bound import check_bounds
 from nhpocp.controls.basis import ControlBasis
@@ -23,6 +24,7 @@ from nhpocp.solvers.continuation.step_rules import Adaptive
 NEARER = 0.1  # of the tolerance: so near does a plan come that is handed back, whoever integrates it
 UPDATES = 60  # to the goal over another basis; what fits that basis takes a few
 DESCENT = 150  # updates to less cost
+LESS = 0.99  # times a cost, what is worth another solve
 SAME = 1e-9  # of a cost: rounding
 # what is said of an optimizer's end, and not of the point that it ended at
 KEPT = ("status", "guess_defect", "starts", "attempts")
@@ -35,18 +37,8 @@ def brought(plan: Solution, tolerance: float) -> Solution:
     found = _search(plan.problem, plan.control, tolerance)
     if found.outcome is not Outcome.CONVERGED:
         return plan
-    motion = simulate(plan.problem, found.control)
-    return replace(
-        plan,
-        outcome=found.outcome,
-        message=f"{found.message}.",
-        tolerance=tolerance,
-        final_error=found.error,
-        control=found.control,
-        trajectory=motion.trajectory,
-        costs=motion.costs,
-        evaluations=plan.evaluations + len(found.records),
-    )
+    evaluations = plan.evaluations + len(found.records)
+    return replace(_made(plan, found), tolerance=tolerance, evaluations=evaluations)
 
 
 def over(problem: PlanningProblem, control: Control, basis: ControlBasis, tolerance: float) -> Control | None:
@@ -90,19 +82,34 @@ def _search(
     return confirmed(solver, begun_from(problem, control))
 
 
+def _made(plan: Solution, found: ContinuationResult) -> Solution:
+    """A plan with what a search found in the place of its control."""
+    motion = simulate(plan.problem, found.control)
+    return replace(
+        plan,
+        outcome=found.outcome,
+        message=f"{found.message}.",
+        final_error=found.error,
+        control=found.control,
+        trajectory=motion.trajectory,
+        costs=motion.costs,
+        evaluations=len(found.records),
+    )
+
+
 @dataclass(frozen=True)
 class LoweredGuess:
     """A plan at less cost: taken down in the null space of the end point's Jacobian, where every step is a plan.
 
     Over its own basis, and over the NLP's, from where only what that search has left is the NLP's to do. The former
     because a plan of many manoeuvres may fit the NLP's basis only once it has become calmer, and ends elsewhere.
-    plan: that reaches the goal. basis: the NLP's.
+    plan: that reaches the goal. basis: the NLP's. kind: what it is called.
     """
 
     plan: Solution
     basis: ControlBasis
     tolerance: float
-    kind: ClassVar[str] = "jacobian, at less cost"
+    kind: str = "jacobian, at less cost"
 
     def control(self, problem: PlanningProblem, horizon: float, seed: int) -> Control:
         mine = [plan for plan in self._plans if plan.control.basis == self.basis]
@@ -128,35 +135,50 @@ class LoweredGuess:
         plan, name = self.plan, self.plan.problem.objective
         searched = name in costs_of_motion() and not OBJECTIVES[name].lacking_control(control.basis)
         found = _search(plan.problem, control, self.tolerance, DESCENT, name if searched else "none")
-        motion = simulate(plan.problem, found.control)
-        lowered = replace(
-            plan,
-            outcome=found.outcome,
-            message=f"{found.message}.",
-            final_error=found.error,
-            control=found.control,
-            trajectory=motion.trajectory,
-            costs=motion.costs,
-            evaluations=len(found.records),
-        )
+        lowered = _made(plan, found)
         return [lowered] if reaches(lowered, self.tolerance) else []
 
+    @property
+    def evaluations(self) -> int:
+        """Of the end point, that the search took."""
+        return sum(plan.evaluations for plan in self._plans[1:])
 
-def handed_back(failed: Solution, plan: Solution, least: Solution) -> Solution:
+    def far_below(self, solution: Solution) -> bool:
+        """Whether this costs less than a solution by more than a little."""
+        return cost_of(self.least) < LESS * cost_of(solution)
+
+    def mended(self, ended: Solution) -> LoweredGuess | None:
+        """Where an NLP ended short of a plan, corrected and taken down, if that costs less by more than a little.
+
+        An optimizer that gives up has often come near to a far cheaper motion than the plan.
+        """
+        held = self.plan.problem
+        if ended.control.horizon != held.horizon.fixed or not np.isfinite(ended.final_error):
+            return None
+        found = _made(self.plan, _search(held, ended.control, self.tolerance, UPDATES))
+        if not reaches(found, self.tolerance):
+            return None
+        guess = replace(self, plan=found, kind="where the NLP ended, corrected, at less cost")
+        return guess if guess.far_below(self.least) else None
+
+
+def handed_back(failed: Solution, plan: Solution, lowered: LoweredGuess) -> Solution:
     """What there is where no NLP ended with an optimum that costs less than the plan it began with, in true words.
 
-    failed: how the NLP ended. least: the plan, or what it came to over the NLP's control.
+    failed: how the NLP ended. lowered: knows of the least that the plan came to.
     """
-    name, cost = failed.problem.objective, cost_of(failed)
+    name, cost, least = failed.problem.objective, cost_of(failed), lowered.least
     if failed.outcome is Outcome.CONVERGED and reaches(failed, failed.tolerance):
-        why = f"the NLP's optimum costs {name} {cost:.6g}, and the plan {cost_of(plan):.6g}"
+        why = f"the NLP's optimum costs {name} {cost:.6g}, the plan {cost_of(plan):.6g}"
     elif failed.outcome is Outcome.CONVERGED:
         why = "finer steps refute the NLP's optimum"
     else:
         why = f"the NLP ended as {failed.outcome.value}"
-    if least is not plan:
-        why += f"; motion in the null space took its {name} from {cost_of(plan):.6g} to {cost_of(least):.6g}"
-    words = f"Reached; optimality is not certified; the plan it began with is handed back: {why}"
+    if cost_of(least) < cost_of(plan):
+        way = "motion in the null space" if lowered.plan is plan else "where the NLP ended, corrected,"
+        why += f"; {way} took its {name} from {cost_of(plan):.6g} to {cost_of(least):.6g}"
+    which = "plan it began with" if failed.settings["initial"] == "jacobian" else "Jacobian method's plan"
+    words = f"Reached; optimality is not certified; the {which} is handed back: {why}"
     details = {key: failed.details[key] for key in KEPT if key in failed.details} | {
         "guess": "jacobian",
         "objective_value": cost_of(least),

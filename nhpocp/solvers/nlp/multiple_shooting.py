@@ -161,33 +161,38 @@ class MultipleShooting(Constructed):
         known: list[GuessMaker] = [StraightGuess(), SolverGuess(self._continuation), ProblemGuess()]
         waiting = [maker for maker in known if maker.kind != self.guess.kind]
         lowered = self._lowered(problem, plan) if plan else None
-        waiting[:0] = [lowered] if lowered else []
+        if lowered:
+            lowered = lowered.mended(best) or lowered
+            waiting.insert(0, lowered)
         while waiting:
             if left is not None and left <= 0:
                 tried.append("max_iterations was reached")
                 break
             maker = waiting.pop(0)
             told = telling(progress, way=f"from the guess {maker.kind}")
-            last = not waiting and not isinstance(maker, SolverGuess)
+            last = not waiting and plan is None and not isinstance(maker, SolverGuess)
             run = self._run(problem, told, maker, 0, left, last=last)
             solution = run.solve()
             ended.append(solution)
             if solution.outcome is Outcome.INTERRUPTED:
                 return solution
+            before = lowered
             if plan is None and (plan := self._plan(run)):
                 lowered = self._lowered(problem, plan)
-                waiting.insert(0, lowered)
-            if _well(solution, plan):
+            if _well(solution, plan) and not (lowered and lowered.far_below(solution)):
                 words = f"this is the plan from the guess {maker.kind}; others before: {'; '.join(tried)}"
                 return replace(solution, warnings=[*solution.warnings, words])
             tried.append(f"{maker.kind}: {_in_short(solution)}")
             left = left - _iterations(solution) if left is not None else None
+            lowered = (lowered.mended(solution) or lowered) if lowered else None
+            if lowered and lowered is not before:
+                waiting.insert(0, lowered)
         words = f"Guesses that were tried: {'; '.join(tried)}."
         stalled = _uncertified(ended)
         if stalled and (plan is None or not dearer(stalled, plan)):
             return replace(stalled, message=f"{stalled.message} {words}")
         if plan and lowered:
-            best = handed_back(best, plan, lowered.least)
+            best = handed_back(best, plan, lowered)
         return replace(best, message=f"{best.message} {words}")
 
     def _plan(self, run: Run) -> Solution | None:
@@ -207,10 +212,10 @@ class MultipleShooting(Constructed):
         iterations: int | None,
         last: bool = False,
     ) -> Run:
-        """One run from one guess; of the iterations that are left only the last may take all."""
+        """One run from one guess; only the last may take all iterations that are left, without a plan to go back to."""
         optimizer: Any = self.optimizer
         if iterations is not None:
-            most = iterations if last else min(iterations, max(PATIENCE, iterations // 4))
+            most = iterations if last else min(iterations, max(PATIENCE, (self._allowed or 0) // 4))
             optimizer = replace(optimizer, max_iterations=most)
         if problem.objective == "time" and not self.over_basis and self.intervals >= COARSER * COARSEST:
             coarse = replace(self, intervals=self.intervals // COARSER)

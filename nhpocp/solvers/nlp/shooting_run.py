@@ -105,6 +105,7 @@ class Run:
         except NoGuessError as error:
             sentence, seconds = f"No guess to start from: {error.message}.", perf_counter() - began
             return unsolved(self.problem, self.solver, error.outcome, sentence, build_seconds=seconds)
+        self.evaluations += getattr(self.maker, "evaluations", 0)
         self.origin = guess.origin or getattr(self.maker, "origin", None)
         if guess.origin:
             self.evaluations += guess.origin.evaluations
