@@ -159,7 +159,9 @@ class MultipleShooting(Constructed):
         budget = self._allowed
         left = budget * self.starts - sum(map(_iterations, ended)) if budget else None
         known: list[GuessMaker] = [StraightGuess(), SolverGuess(self._continuation), ProblemGuess()]
-        waiting = [maker for maker in known if maker.kind != self.guess.kind]
+        waiting: list[GuessMaker] = []
+        if not _well(best):  # else it is an optimum, and only the plan's own valley may be deeper
+            waiting = [maker for maker in known if maker.kind != self.guess.kind]
         lowered = self._lowered(problem, plan) if plan else None
         if lowered:
             lowered = lowered.mended(best) or lowered
