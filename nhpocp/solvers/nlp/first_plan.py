@@ -27,6 +27,7 @@ DESCENT = 300  # updates to less cost
 LOOSE = (
     1e-2  # E of that search, which refuses what its steps do not resolve; at 1e-7 it ended up to 1.4 × dearer
 )
+TOWARDS = "falls_towards"  # among the details of a search for less
 LESS = 0.99  # times a cost, what is worth another solve
 SAME = 1e-9  # of a cost: rounding
 # what is said of an optimizer's end, and not of the point that it ended at
@@ -141,6 +142,7 @@ class LoweredGuess:
         if loose.outcome is not Outcome.CONVERGED:
             return []
         lowered = _made(plan, _search(plan.problem, loose.control, NEARER * self.tolerance))
+        lowered = replace(lowered, details={TOWARDS: loose.details.get(TOWARDS, [])})
         return [lowered] if reaches(lowered, self.tolerance) else []
 
     @property
@@ -182,6 +184,8 @@ def handed_back(failed: Solution, plan: Solution, lowered: LoweredGuess) -> Solu
     if cost_of(least) < cost_of(plan):
         way = "motion in the null space" if lowered.plan is plan else "where the NLP ended, corrected,"
         why += f"; {way} took its {name} from {cost_of(plan):.6g} to {cost_of(least):.6g}"
+    if towards := least.details.get(TOWARDS):
+        why += f"; from there it falls towards {' and '.join(towards)}, where there is no least"
     which = "plan it began with" if failed.settings["initial"] == "jacobian" else "Jacobian method's plan"
     words = f"Reached; optimality is not certified; the {which} is handed back: {why}"
     details = {key: failed.details[key] for key in KEPT if key in failed.details} | {
