@@ -12,6 +12,7 @@ from nhpocp.controls.basis import ControlBasis
 from nhpocp.controls.control import Control
 from nhpocp.controls.projection import project
 from nhpocp.flow.simulation import simulate
+from nhpocp.interruption import STOPPED
 from nhpocp.objectives.registry import OBJECTIVES, costs_of_motion
 from nhpocp.outcome import Outcome
 from nhpocp.problem import PlanningProblem
@@ -23,10 +24,9 @@ from nhpocp.solvers.continuation.step_rules import Adaptive
 
 NEARER = 0.1  # of the tolerance: so near does a plan come that is handed back, whoever integrates it
 UPDATES = 60  # to the goal over another basis; what fits that basis takes a few
+ROUNDS = 4  # of the search for less cost: begun anew, it often gets by what has held it up
 DESCENT = 300  # updates to less cost
-LOOSE = (
-    1e-2  # E of that search, which refuses what its steps do not resolve; at 1e-7 it ended up to 1.4 × dearer
-)
+LOOSE = 1e-3  # E of that search, which refuses what its steps do not resolve
 TOWARDS = "falls_towards"  # among the details of a search for less
 LESS = 0.99  # times a cost, what is worth another solve
 SAME = 1e-9  # of a cost: rounding
@@ -135,15 +135,23 @@ class LoweredGuess:
         return plans
 
     def _lowered(self, control: Control) -> list[Solution]:
-        """One plan at less cost, or none."""
-        plan, name = self.plan, self.plan.problem.objective
+        """One plan at less cost, or none: the search, begun anew where it ended for as long as that gains."""
+        plan, name, before, found = self.plan, self.plan.problem.objective, np.inf, []
         searched = name in costs_of_motion() and not OBJECTIVES[name].lacking_control(control.basis)
-        loose = _search(plan.problem, control, LOOSE, DESCENT, name if searched else "none")
-        if loose.outcome is not Outcome.CONVERGED:
-            return []
-        lowered = _made(plan, _search(plan.problem, loose.control, NEARER * self.tolerance))
-        lowered = replace(lowered, details={TOWARDS: loose.details.get(TOWARDS, [])})
-        return [lowered] if reaches(lowered, self.tolerance) else []
+        for _ in range(ROUNDS if searched else 1):
+            ended = _search(plan.problem, control, LOOSE, DESCENT, name if searched else "none")
+            if ended.outcome is not Outcome.CONVERGED:
+                break
+            found.insert(0, ended)
+            cost = ended.details.get("objective_value", np.inf)
+            if not cost < LESS * before:
+                break
+            control, before = ended.control, cost
+        for ended in found:  # the last may be too wild to be brought nearer
+            lowered = _made(plan, _search(plan.problem, ended.control, NEARER * self.tolerance))
+            if reaches(lowered, self.tolerance):
+                return [replace(lowered, details={TOWARDS: ended.details.get(TOWARDS, [])})]
+        return []
 
     @property
     def evaluations(self) -> int:
@@ -188,6 +196,21 @@ def handed_back(failed: Solution, plan: Solution, lowered: LoweredGuess) -> Solu
         why += f"; from there it falls towards {' and '.join(towards)}, where there is no least"
     which = "plan it began with" if failed.settings["initial"] == "jacobian" else "Jacobian method's plan"
     words = f"Reached; optimality is not certified; the {which} is handed back: {why}"
+    instead = _instead(failed, plan, least)
+    warnings = [*instead.warnings, words]
+    return replace(instead, outcome=Outcome.CONVERGED, message=f"{words}.", warnings=warnings)
+
+
+def kept(stopped: Solution, plan: Solution) -> Solution:
+    """The plan at hand in the place of what an NLP had come to when it was stopped."""
+    cost = f"{plan.problem.objective} {cost_of(plan):.6g}"
+    return replace(
+        _instead(stopped, plan, plan), message=f"{STOPPED}; the Jacobian method's plan is kept, of {cost}."
+    )
+
+
+def _instead(failed: Solution, plan: Solution, least: Solution) -> Solution:
+    """A solution with the motion of another in the place of its own, and nothing that was said of its own."""
     details = {key: failed.details[key] for key in KEPT if key in failed.details} | {
         "guess": "jacobian",
         "objective_value": cost_of(least),
@@ -196,9 +219,6 @@ def handed_back(failed: Solution, plan: Solution, lowered: LoweredGuess) -> Solu
     }
     return replace(
         failed,
-        outcome=Outcome.CONVERGED,
-        message=f"{words}.",
-        warnings=[*failed.warnings, words],
         final_error=least.final_error,
         control=least.control,
         trajectory=least.trajectory,

@@ -23,7 +23,7 @@ from nhpocp.solution import Progress, Solution, telling
 from nhpocp.solvers.continuation.auto import Auto
 from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.step_rules import Adaptive
-from nhpocp.solvers.nlp.first_plan import LoweredGuess, dearer, handed_back, reaches
+from nhpocp.solvers.nlp.first_plan import LoweredGuess, dearer, handed_back, kept, reaches
 from nhpocp.solvers.nlp.guesses import GuessMaker, ProblemGuess, SolverGuess, StraightGuess
 from nhpocp.solvers.nlp.ipopt import Ipopt
 from nhpocp.solvers.nlp.least_time import COARSER, COARSEST, CoarseGuess, singular_arcs
@@ -45,7 +45,8 @@ class MultipleShooting(Constructed):
     begin, `ProblemGuess()`, `SolverGuess(solver)` or `StraightGuess()`. kernels: `Interpreted()`, `Compiled()` or
     `CompiledWhenReady()` evaluate the intervals for IPOPT. Bounds that are broken between the nodes are tightened there
     by as much, and the problem is solved again. Where no start leads to an optimum, other guesses are tried within the
-    iterations that are left; else a guess that reaches the goal is handed back, and called one.
+    iterations that are left. No solution is dearer than the plan of a `SolverGuess`, or of the Jacobian method where
+    other guesses are tried: what that plan comes to in the null space is handed back instead, and called so.
     """
 
     intervals: int = declared.count(50, "equal parts of the horizon, each with one value of the control")
@@ -116,7 +117,9 @@ class MultipleShooting(Constructed):
                 for i, solution in enumerate(ended)
             ]
         best = max(ended, key=_rank)
-        if not _well(best, plan) and best.outcome is not Outcome.INTERRUPTED:
+        if best.outcome is Outcome.INTERRUPTED:
+            best = kept(best, plan) if plan else best
+        elif not _well(best, plan):
             best = self._from_other_guesses(problem, progress, best, ended, plan)
         best = _summed(best, ended, details)
         if self.mesh_check and best.outcome is Outcome.CONVERGED and best.details.get("certified", True):
@@ -177,7 +180,7 @@ class MultipleShooting(Constructed):
             solution = run.solve()
             ended.append(solution)
             if solution.outcome is Outcome.INTERRUPTED:
-                return solution
+                return kept(solution, plan) if plan else solution
             before = lowered
             if plan is None and (plan := self._plan(run)):
                 lowered = self._lowered(problem, plan)

@@ -108,6 +108,15 @@ def test_a_plan_is_handed_back_with_its_own_numbers_and_words(claim):
     assert solution.details["status"] == "Word"
 
 
+def test_what_is_stopped_keeps_the_plan():
+    problem = turning(1.0)
+    solution = planning.solve(problem, warm(CHEAP, optimizer=Lying(Outcome.INTERRUPTED)))
+    assert solution.outcome is Outcome.INTERRUPTED
+    assert "the Jacobian method's plan is kept, of effort 6.28" in solution.message
+    assert solution.verdict.ok
+    assert solution.verdict.error < 1e-6
+
+
 def test_a_plan_within_the_bounds_is_handed_back_within_them():
     free = CHEAP.solve(turning(1.0))
     limit = 0.95 * np.abs(free.trajectory["u2"]).max()
