@@ -44,6 +44,7 @@ WIDTHS = (1.0, 0.5, 2.0)  # of the seeded among them, in turn
 AGREEING = 6  # starts that lead to the least cost so far: others are hardly worth the work
 ALIKE = 5e-3  # relative, of two costs
 NOTHING = 1e-6  # of the objective's unit: less is not worth a search
+FUTILE = 2  # starts that end outside a bound, after which a route is looked for
 ATTEMPTS = 2  # along a route, with other seeds
 FURTHER = 2  # times the restarts: seeded starts that are tried where all else failed
 
@@ -63,7 +64,7 @@ class Auto(Constructed):
     The search for least cost (`Continuation.objective`) ends in the valley where it begins, and few of them are deep:
     it follows on the first way that reaches the goal, and again from seeded starts until six agree on the least.
     continuation: the method that every try is made with. restarts: seeded starts. route: "auto", or "always" first of
-    all, or "never". route_seconds: how long one is looked for, at most.
+    all, or "never". route_seconds: processor time for which one is looked for, at most.
     Errors: `InvalidProblemError` for restarts that are no whole number, `CallError` for another method;
     `MissingDependencyError` where a route is wanted always and OMPL is not installed.
     """
@@ -98,6 +99,7 @@ class _Search:
     def __init__(self, solver: Auto, problem: PlanningProblem, progress: Progress | None) -> None:
         self.base, self.restarts = solver.continuation, solver.restarts
         self.route, self.route_seconds = solver.route, solver.route_seconds
+        self._rates = {bound.label for bound in problem.bounds_on_rates}
         self.followed = False  # a route
         self.no_route = ""  # what is known of none, in words
         self.problem, self.space, self.progress = problem, problem.system.state_space, progress
@@ -185,7 +187,8 @@ class _Search:
         if stopped:
             return Ending(Outcome.INTERRUPTED, STOPPED)
         if best.outcome is Outcome.CONSTRAINT_VIOLATED:
-            return Ending(best.outcome, f"{best.message}; {ways} ways were tried")
+            no_route = f"; {self.no_route}" if self.no_route else ""
+            return Ending(best.outcome, f"{best.message}; {ways} ways were tried{no_route}")
         given_up = f"Given up after {len(self.records)} evaluations. " if self.given_up else ""
         no_route = f" {self.no_route[:1].upper()}{self.no_route[1:]}." if self.no_route else ""
         each = "; ".join(f"{way['way']}: {way['outcome']} (E = {way['error']:.3g})" for way in self.tried)
@@ -200,15 +203,17 @@ class _Search:
 
     def _ways(self) -> Iterator[tuple[str, ContinuationResult]]:
         """Every way in order, each tried when it is asked for."""
-        problem, starts = self.problem, []
+        problem, starts, futile = self.problem, list[ContinuationResult](), 0
         if self.route == "always":
             yield from self._along_a_route()
         for way, result in self._starts(range(1 + self.restarts)):
             starts.append(result)
-            yield way, self._remembered(self._finished(result, self.base))
+            finished = self._remembered(self._finished(result, self.base))
+            yield way, finished
             if self._hopeless(only_rates=True):
                 return
-            if self._hopeless():
+            futile += bool(self._broken(finished) - self._rates)
+            if self._hopeless() or (futile == FUTILE and self.route == "auto" and not lacking(problem)):
                 break
         if self.given_up:
             return
@@ -288,17 +293,22 @@ class _Search:
         """Itself; the least violation of the bounds near its control is kept, if the search came to rest there."""
         known = result.details.get("constraints", {})
         if known.get("stalled"):
-            self.stalled.append((known["stalled"], set(known.get("broken", ()))))
+            self.stalled.append((known["stalled"], self._broken(result)))
         return result
+
+    @staticmethod
+    def _broken(result: ContinuationResult) -> set[str]:
+        """The bounds outside which a search ended."""
+        return set(result.details.get("constraints", {}).get("broken", ()))
 
     def _hopeless(self, only_rates: bool = False) -> bool:
         """Whether two ways have come to rest at one violation, the least that there seems to be; a judgement, no proof.
 
         ``only_rates``: of bounds that more manoeuvring makes worse.
         """
-        rates = {bound.label for bound in self.problem.bounds_on_rates}
         return any(
-            abs(one - other) <= SAME * max(one, other) and (not only_rates or (broken | others) <= rates)
+            abs(one - other) <= SAME * max(one, other)
+            and (not only_rates or (broken | others) <= self._rates)
             for (one, broken), (other, others) in combinations(self.stalled, 2)
         )
 

@@ -1,4 +1,4 @@
-"""Manoeuvres along a route: of many seeded ones, tried side by side, the one that leads farthest and stays clear."""
+"""Manoeuvres along a route: of many, tried side by side, the cheapest that leads far along it and stays clear."""
 
 from __future__ import annotations
 
@@ -16,25 +16,28 @@ from nhpocp.horizon import Horizon
 from nhpocp.interruption import Interruption
 from nhpocp.problem import PlanningProblem
 from nhpocp.solvers.budget import Budget
+from nhpocp.solvers.continuation.bracket_loops import BracketLoops
 from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.generalized_inverses import MoorePenrose
 from nhpocp.solvers.continuation.initial_control import drawn
 from nhpocp.solvers.continuation.lockstep_search import Lockstep, Method
 from nhpocp.solvers.continuation.step_rules import Adaptive
 from nhpocp.solvers.route.edges import clear
+from nhpocp.solvers.route.loops import Loops
 from nhpocp.solvers.route.pose_checks import PoseChecks
 from nhpocp.solvers.route.route import Route
 
-SEEDS = 32
-WIDTHS = (0.1, 0.3, 0.7, 1.2)  # in turn, with which the controls are drawn
-EVALUATIONS = 30  # of each
+SEEDS = 32  # that are drawn where loops do not lead on
+WIDTHS = (0.1, 0.3, 0.7, 1.2)  # in turn, with which they are
+FEW, MANY = 10, 30  # evaluations of each: from loops, and from what is drawn
+SHORT = 0.3  # length, in units of the problem's scales, below which the latter are tried too
 STEPS = 40  # of a manoeuvre's integration
 LEAST = 0.001  # length, in units of the problem's scales, that is tried last
 LOOKS = 20  # at a path, before it is held against all checks
 RESOLVED = 1e-6  # in units of the problem's scales: between ends with the steps of either simulation
 PIECES = 200  # at most
 DETOURS, ASIDE = 4, 40  # at most, where no manoeuvre leads on, and the seeded controls that may make one
-LONGER = 2.0  # times what has been reached, tried next
+LONGER = 2.0  # times what has been reached at once, tried next
 
 
 class RouteManoeuvres:
@@ -42,7 +45,8 @@ class RouteManoeuvres:
 
     A loop of size s moves a driftless system by s² along its brackets, so that short parts of a route are followed by
     manoeuvres that stray from it like √length: where those leave what `PoseChecks` allow, shorter ones are tried.
-    [Laumond, ch. 1]
+    [Laumond, ch. 1] They are corrected from `BracketLoops`; where brackets of the second degree are too weak, from
+    seeded controls.
     """
 
     def __init__(
@@ -58,6 +62,8 @@ class RouteManoeuvres:
         kernels = kept.kernels.for_long_work()
         integrator = resolving(replace(kept, steps=STEPS, kernels=kernels), problem.basis)
         self._solver = replace(solver, integrator=integrator, objective="none")
+        self._part = replace(problem, horizon=Horizon(1.0), via=(), bounds=(), initial=None)
+        self._loops = BracketLoops(self._part, route.poses.loops or Loops(problem))
         self._random = np.random.default_rng(seed)
         fine = finer(integrator)
         self._flows = [
@@ -74,7 +80,7 @@ class RouteManoeuvres:
 
         Yields the part of the route that is walked. Errors: Ctrl-C's.
         """
-        step, detours = self.route.length, 0
+        step, growth, detours = self.route.length, 1.0, 0
         with Interruption() as interruption, np.errstate(all="ignore"):
             while len(self.controls) < PIECES and not self.arrived:
                 if step <= LEAST:
@@ -86,10 +92,10 @@ class RouteManoeuvres:
                 reach = min(self.route.length, self.walked + step)
                 control = self._manoeuvre(reach, interruption)
                 if control is None:
-                    step *= 0.5
+                    step, growth = 0.5 * step, 1.0
                     continue
                 self.controls.append(control)
-                step = LONGER * (reach - self.walked)
+                step, growth = growth * (reach - self.walked), LONGER
                 self.walked = reach
 
     def _detour(self) -> bool:
@@ -108,18 +114,24 @@ class RouteManoeuvres:
 
     def _manoeuvre(self, reach: float, interruption: Interruption) -> Control | None:
         """The cheapest that leads to that much of the route and stays clear; `here` is where it ends."""
-        part = replace(
-            self.problem,
-            start=self._values(self.here),
-            goal=self._values(self.route.at(reach)),
-            horizon=Horizon(1.0),
-            via=(),
-            bounds=(),
-            initial=None,
+        there = self.route.at(reach)
+        part = replace(self._part, start=self._values(self.here), goal=self._values(there))
+        displacement, _ = self.route.poses.tangent(there, self.here)
+        starts = self._loops.seeds(self.here, displacement)
+        found = self._best(part, starts, FEW, interruption)
+        if found is None and reach - self.walked < SHORT:
+            starts = [drawn(part, self._random, WIDTHS[seed % len(WIDTHS)]) for seed in range(SEEDS)]
+            found = self._best(part, starts, MANY, interruption)
+        return found
+
+    def _best(
+        self, part: PlanningProblem, starts: list[Array], evaluations: int, interruption: Interruption
+    ) -> Control | None:
+        """Of what these starts lead to, each with so many evaluations at most."""
+        search = Lockstep(
+            Method(self._solver, Adaptive(), MoorePenrose()), [part] * len(starts), interruption
         )
-        starts = [drawn(part, self._random, WIDTHS[seed % len(WIDTHS)]) for seed in range(SEEDS)]
-        search = Lockstep(Method(self._solver, Adaptive(), MoorePenrose()), [part] * SEEDS, interruption)
-        plans = search.plans(Budget(EVALUATIONS), np.array(starts)).values()
+        plans = search.plans(Budget(evaluations), np.array(starts)).values()
         for control in sorted(
             (Control(part.basis, plan.coefficients) for plan in plans), key=lambda control: control.effort
         ):

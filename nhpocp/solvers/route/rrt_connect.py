@@ -7,7 +7,7 @@ import gc
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
-from time import monotonic
+from time import thread_time
 from typing import Any
 
 import numpy as np
@@ -63,10 +63,20 @@ def _collected_at_exit() -> None:
     atexit.register(gc.unfreeze)
 
 
-def grown(
-    problem: PlanningProblem, poses: Poses, seconds: float, seed: int, stopped: Callable[[], bool]
-) -> Trees:
-    """Trees from start and goal until they meet, the time is over or ``stopped`` says so.
+@dataclass(frozen=True)
+class Allowed:
+    """What a search may cost.
+
+    seconds: of processor time. edges: that are looked at. stopped: asked often, whether to give up.
+    """
+
+    seconds: float
+    edges: float
+    stopped: Callable[[], bool]
+
+
+def grown(problem: PlanningProblem, poses: Poses, allowed: Allowed, seed: int) -> Trees:
+    """Trees from start and goal until they meet, or no more is allowed.
 
     Whatever is OMPL's is gone when this returns: objects of its own that live at the end of Python make it complain.
     Errors: `MissingDependencyError` where OMPL is not installed.
@@ -77,13 +87,15 @@ def grown(
     space = packing.space(base)
     information = base.SpaceInformation(space)
 
-    deadline = monotonic() + seconds
+    deadline, looked = thread_time() + allowed.seconds, 0
 
     def over() -> bool:
-        return monotonic() > deadline or stopped()
+        return thread_time() > deadline or looked > allowed.edges or allowed.stopped()
 
     class Edges(base.MotionValidator):  # type: ignore[name-defined]
         def checkMotion(self, here: Any, there: Any, *last: Any) -> bool:  # OMPL advances as long as it may
+            nonlocal looked
+            looked += 1
             return not over() and poses.free(packing.point(here), packing.point(there))
 
     validator = Edges(information)
