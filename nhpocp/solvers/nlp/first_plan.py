@@ -136,7 +136,8 @@ class LoweredGuess:
 
     def _lowered(self, control: Control) -> list[Solution]:
         """One plan at less cost, or none: the search, begun anew where it ended for as long as that gains."""
-        plan, name, before, found = self.plan, self.plan.problem.objective, np.inf, []
+        plan, name, before = self.plan, self.plan.problem.objective, np.inf
+        found: list[ContinuationResult] = []
         searched = name in costs_of_motion() and not OBJECTIVES[name].lacking_control(control.basis)
         for _ in range(ROUNDS if searched and not plan.problem.bounds else 1):
             ended = _search(plan.problem, control, LOOSE, DESCENT, name if searched else "none")
