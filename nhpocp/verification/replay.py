@@ -103,6 +103,7 @@ class Samples:
     times: Array
     states: Array
     controls: Array
+    control_rates: Array
 
 
 class Watch:
@@ -260,8 +261,10 @@ def sample(path: Path, control: Control, count: int) -> Samples:
     left = np.append(inside, path.reached)
     together = np.concatenate([left, right])
     order = np.argsort(together, kind="stable")  # at a breakpoint, from the left first
-    controls = np.concatenate([control(left, "left"), control(right)])
-    return Samples(together[order], path(together[order]), controls[order])
+    controls, rates = (
+        np.concatenate([of(left, "left"), of(right, "right")])[order] for of in (control, control.derivative)
+    )
+    return Samples(together[order], path(together[order]), controls, rates)
 
 
 def weighted_difference(space: StateSpace, points: Array, origins: Array, error_length: float) -> Array:

@@ -253,6 +253,7 @@ def test_every_picture_of_every_kind_of_solution(case: Any, tmp_path: Path) -> N
         "failure": solution.outcome is Outcome.CONVERGED,
         "margins": not any(name.startswith("sigma_") for name in solution.trajectory),
         "distances": "distance" not in solution.trajectory,
+        "trees": "trees" not in solution.details,
     }
     names = [name for name in FIGURES if not nothing_to_say.get(name)]
     assert [file.name for file in files] == [f"{name}.{kind}" for name in names for kind in kinds]

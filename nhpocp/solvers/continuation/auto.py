@@ -11,6 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from nhpocp import declared
+from nhpocp.constraints.leg_acceleration import lacking_derivative
 from nhpocp.constructed import Constructed
 from nhpocp.controls.control import Control
 from nhpocp.controls.sequence import join, retimed
@@ -18,20 +19,21 @@ from nhpocp.declared import check, whole_number
 from nhpocp.deferred import Deferred
 from nhpocp.errors import expect
 from nhpocp.flow.integrators import RungeKutta4
+from nhpocp.flow.step_error import FINER, MOST
 from nhpocp.interruption import STOPPED, Interruption
 from nhpocp.objectives.registry import OBJECTIVES
 from nhpocp.outcome import Outcome
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Progress, Solution, telling
+from nhpocp.solvers.continuation.along_routes import AlongRoutes
 from nhpocp.solvers.continuation.confirmation import begun_from, confirmed
 from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.continuation_result import ContinuationResult
 from nhpocp.solvers.continuation.ending import Ending
 from nhpocp.solvers.continuation.geodesic import Geodesic
 from nhpocp.solvers.continuation.initial_control import drawn
-from nhpocp.solvers.continuation.route_manoeuvres import RouteManoeuvres
 from nhpocp.solvers.continuation.step_rules import Adaptive
-from nhpocp.solvers.route.find_route import find_route, lacking
+from nhpocp.solvers.route.find_route import lacking
 from nhpocp.solvers.route.wanted import ROUTE, ROUTE_SECONDS, ROUTES
 
 EVALUATIONS = 25  # per try: starts that lead to the goal need 5 to 20
@@ -45,7 +47,6 @@ AGREEING = 6  # starts that lead to the least cost so far: others are hardly wor
 ALIKE = 5e-3  # relative, of two costs
 NOTHING = 1e-6  # of the objective's unit: less is not worth a search
 FUTILE = 2  # starts that end outside a bound, after which a route is looked for
-ATTEMPTS = 2  # along a route, with other seeds
 FURTHER = 2  # times the restarts: seeded starts that are tried where all else failed
 
 
@@ -98,10 +99,9 @@ class _Search:
 
     def __init__(self, solver: Auto, problem: PlanningProblem, progress: Progress | None) -> None:
         self.base, self.restarts = solver.continuation, solver.restarts
-        self.route, self.route_seconds = solver.route, solver.route_seconds
+        self.route = solver.route
+        self.along_routes = AlongRoutes(self, solver.route_seconds, required=solver.route == "always")
         self._rates = {bound.label for bound in problem.bounds_on_rates}
-        self.followed = False  # a route
-        self.no_route = ""  # what is known of none, in words
         self.problem, self.space, self.progress = problem, problem.system.state_space, progress
         self.records: list[Deferred] = []
         self.tried: list[dict[str, Any]] = []
@@ -134,8 +134,17 @@ class _Search:
         return replace(
             best,
             records=self.records,
-            details={**best.details, "tried": self.tried},
+            details={**best.details, "tried": self.tried, **self._sketch_of(best)},
             solve_seconds=perf_counter() - began - best.build_seconds,
+        )
+
+    def _sketch_of(self, best: ContinuationResult) -> dict[str, Any]:
+        """What was seen of routes, but of none that a plan does not follow."""
+        way = self.tried[best.details.get("attempt", -1)]["way"] if self.tried else ""
+        return (
+            self.along_routes.sketch
+            if best.outcome is not Outcome.CONVERGED or way.endswith("along a route")
+            else {}
         )
 
     def _cheapest(self, first: ContinuationResult) -> ContinuationResult:
@@ -180,17 +189,17 @@ class _Search:
 
     def _ending(self, best: ContinuationResult, stopped: bool) -> Ending:
         """Of all tries, which end with the best."""
-        ways = len(self.tried)
+        ways, no_route = len(self.tried), self.along_routes.no_route
         if best.outcome is Outcome.CONVERGED:
-            after = f" by {self.tried[-1]['way']}, after {ways - 1} other ways" if ways > 1 else ""
+            after = f", by {self.tried[-1]['way']}, after {ways - 1} other ways" if ways > 1 else ""
             return Ending(best.outcome, best.message + after)
         if stopped:
             return Ending(Outcome.INTERRUPTED, STOPPED)
         if best.outcome is Outcome.CONSTRAINT_VIOLATED:
-            no_route = f"; {self.no_route}" if self.no_route else ""
+            no_route = f"; {no_route}" if no_route else ""
             return Ending(best.outcome, f"{best.message}; {ways} ways were tried{no_route}")
         given_up = f"Given up after {len(self.records)} evaluations. " if self.given_up else ""
-        no_route = f" {self.no_route[:1].upper()}{self.no_route[1:]}." if self.no_route else ""
+        no_route = f" {no_route[:1].upper()}{no_route[1:]}." if no_route else ""
         each = "; ".join(f"{way['way']}: {way['outcome']} (E = {way['error']:.3g})" for way in self.tried)
         return Ending(
             Outcome.NOT_REACHED, f"Nothing that was tried reached the goal.{no_route} {given_up}{each}"
@@ -221,9 +230,11 @@ class _Search:
             yield from self._along_a_route()
         geodesic = Geodesic(self)
         # a drift moves the pose between manoeuvres, and forbids them another time than the one they were planned for
-        controls = geodesic.manoeuvres() if problem.system.driftless and not self.followed else None
+        controls = (
+            geodesic.manoeuvres() if problem.system.driftless and not self.along_routes.followed else None
+        )
         if controls is not None:
-            yield f"{len(controls)} manoeuvres in sequence", self._joined(controls)
+            yield f"{len(controls)} manoeuvres in sequence", self._joined(controls, 0)
         if self._hopeless():
             return
         nearest = min(starts, key=lambda result: result.rank)
@@ -243,38 +254,13 @@ class _Search:
             yield self.way, self._finished(longer, self.base)
 
     def _along_a_route(self) -> Iterator[tuple[str, ContinuationResult]]:
-        """Manoeuvres along a route of poses, where there is one; what is known of none is kept for the ending."""
-        if lacking(self.problem):
-            return
-        self.way = "looking for a route"
-        self._tell()
-        with Interruption() as interruption:
-            required = self.route == "always"
-            found = find_route(
-                self.problem, self.route_seconds, self.base.seed, lambda: interruption.noted, required
-            )
-            interruption.check()
-        if found.route is None or found.checks is None:
-            self.no_route = found.words
-            return
-        self.followed = True
-        for attempt in range(ATTEMPTS):
-            manoeuvres = RouteManoeuvres(
-                self.problem, self.base, found.route, found.checks, self.base.seed + attempt
-            )
-            for fraction in manoeuvres.walk():
-                self.way = f"manoeuvres along a route, {fraction:.0%} of it"
-                self._tell()
-            controls = manoeuvres.controls
-            if manoeuvres.arrived:
-                count = f"{len(controls)} manoeuvres in sequence" if len(controls) > 1 else "a manoeuvre"
-                yield f"{count} along a route", self._joined(controls)
-                continue
-            part = manoeuvres.walked / manoeuvres.route.length
-            way = f"manoeuvres along a route, stuck after {len(controls)} at {part:.0%} of it"
-            self.note(way, "stagnated", self.problem.goal_error(manoeuvres.here))
+        """Manoeuvres along a route of poses, where there is one."""
+        for way, controls, steps in self.along_routes.ways():
+            yield way, self._joined(controls, steps)
 
-    def _tell(self) -> None:
+    def telling(self, way: str) -> None:
+        """Says what is being tried."""
+        self.way = way
         if self.progress is not None:
             self.progress({"k": None, "error": None, "stage": self.way})
 
@@ -347,6 +333,9 @@ class _Search:
             if not self.problem.bounds:
                 return first
             solver = replace(solver, objective="none")
+        if words := lacking_derivative(self.problem.bounds, first.control.basis):
+            words = f"{first.message}; {words} from one piece to the next"
+            return replace(first, outcome=Outcome.CONSTRAINT_VIOLATED, message=words)
         second = self._solve(solver, begun_from(self.problem, first.control), first.updates)
         if second.outcome in (Outcome.CONVERGED, Outcome.CONSTRAINT_VIOLATED, Outcome.INTERRUPTED):
             return second
@@ -356,8 +345,8 @@ class _Search:
             first, message=f"{first.message}; finer steps refuted the search for less {solver.objective}"
         )
 
-    def _joined(self, controls: list[Control]) -> ContinuationResult:
-        """Manoeuvres as one control over the problem's horizon, corrected as one.
+    def _joined(self, controls: list[Control], steps: int) -> ContinuationResult:
+        """Manoeuvres as one control over the problem's horizon, corrected as one; steps: for the shortest, at least.
 
         Manoeuvre i would cost E_i in unit time; it gets √E_i / Σ √E of the horizon, with which the whole costs
         (Σ √E)²/T, the least of all divisions.
@@ -368,7 +357,8 @@ class _Search:
         joined = join([retimed(control, time) for control, time in zip(controls, durations, strict=True)])
         integrator = self.base.integrator
         if isinstance(integrator, RungeKutta4):
-            steps = int(STEPS_PER_PIECE * integrator.steps * weights.sum() / weights.min())
+            steps = max(steps, int(STEPS_PER_PIECE * integrator.steps))
+            steps = min(MOST // FINER, int(steps * weights.sum() / weights.min()))
             integrator = replace(integrator, steps=steps)
         solver = replace(self.base, integrator=integrator)
         whole = replace(begun_from(self.problem, joined), bounds=())

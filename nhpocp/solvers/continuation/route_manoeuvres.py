@@ -36,6 +36,11 @@ LEAST = 0.001  # length, in units of the problem's scales, that is tried last
 LOOKS = 20  # at a path, before it is held against all checks
 RESOLVED = 1e-6  # in units of the problem's scales: between ends with the steps of either simulation
 PIECES = 200  # at most
+CHOICE, DEARER = (
+    4,
+    2.0,
+)  # of the cheapest, and times the effort of the first, of which the least delicate is taken
+NUDGE = 1e-5  # in units of the scales, for differences
 DETOURS, ASIDE = 4, 40  # at most, where no manoeuvre leads on, and the seeded controls that may make one
 LONGER = 2.0  # times what has been reached at once, tried next
 
@@ -57,6 +62,7 @@ class RouteManoeuvres:
         self.controls: list[Control] = []
         self.walked = 0.0  # of the route
         self.here = problem.start_point
+        self._along = np.eye(problem.system.state_space.dimension)  # ∂here/∂start, in units of the scales
         own = solver.integrator
         kept = own if isinstance(own, RungeKutta4) else RungeKutta4()
         kernels = kept.kernels.for_long_work()
@@ -66,14 +72,21 @@ class RouteManoeuvres:
         self._loops = BracketLoops(self._part, route.poses.loops or Loops(problem))
         self._random = np.random.default_rng(seed)
         fine = finer(integrator)
-        self._flows = [
-            flow_through(problem.system, problem.basis, 1.0, steps, ()) for steps in (fine, finer(fine))
+        self.steps = int(finer(fine).steps)  # with which each of the controls is known to lead where it does
+        self._rough, *self._flows = [
+            flow_through(problem.system, problem.basis, 1.0, steps, ())
+            for steps in (integrator, fine, finer(fine))
         ]
 
     @property
     def arrived(self) -> bool:
         """Whether the controls lead to the end of the route."""
         return self.walked >= self.route.length
+
+    @property
+    def growth(self) -> float:
+        """By how much the controls multiply what is off at the start, at most."""
+        return float(np.linalg.norm(self._along, 2)) if np.isfinite(self._along).all() else np.inf
 
     def walk(self) -> Iterator[float]:
         """Adds controls of unit time, one after another, until they have arrived or none leads on.
@@ -90,11 +103,9 @@ class RouteManoeuvres:
                     step = self.route.length
                 yield self.walked / self.route.length
                 reach = min(self.route.length, self.walked + step)
-                control = self._manoeuvre(reach, interruption)
-                if control is None:
+                if not self._manoeuvre(reach, interruption):
                     step, growth = 0.5 * step, 1.0
                     continue
-                self.controls.append(control)
                 step, growth = growth * (reach - self.walked), LONGER
                 self.walked = reach
 
@@ -106,40 +117,63 @@ class RouteManoeuvres:
             control = Control(self.problem.basis, self.problem.horizon.fixed * coefficients)
             end = self._end(control)
             if end is not None and self.route.poses.free(end, ahead[0]):
-                self.controls.append(control)
-                self.here, self.walked = end, 0.0
+                self._take(control, end, self._derivative(control))
+                self.walked = 0.0
                 self.route = Route(np.vstack([end, ahead]), self.route.poses)
                 return True
         return False
 
-    def _manoeuvre(self, reach: float, interruption: Interruption) -> Control | None:
-        """The cheapest that leads to that much of the route and stays clear; `here` is where it ends."""
+    def _take(self, control: Control, end: Array, derivative: Array) -> None:
+        with np.errstate(all="ignore"):
+            self._along = derivative @ self._along
+        self.controls.append(control)
+        self.here = end
+
+    def _derivative(self, control: Control) -> Array:
+        """∂end/∂start (dimension, dimension) of a control from `here`, by differences, in units of the scales."""
+        space, scales = self.problem.system.state_space, self.problem.scales.states
+        columns = []
+        for aside in NUDGE * np.diag(scales):
+            ends = [
+                self._rough.end(np.asarray(space.retract(self.here, side * aside)), control.coefficients)
+                for side in (1.0, -1.0)
+            ]
+            columns.append(np.asarray(space.difference(*ends)) / scales / (2.0 * NUDGE))
+        derivative = np.array(columns).T
+        return derivative if np.isfinite(derivative).all() else np.full_like(derivative, np.inf)
+
+    def _manoeuvre(self, reach: float, interruption: Interruption) -> bool:
+        """Takes one that leads to that much of the route at little cost and stays clear; whether there is one."""
         there = self.route.at(reach)
         part = replace(self._part, start=self._values(self.here), goal=self._values(there))
         displacement, _ = self.route.poses.tangent(there, self.here)
         starts = self._loops.seeds(self.here, displacement)
         found = self._best(part, starts, FEW, interruption)
-        if found is None and reach - self.walked < SHORT:
+        if not found and reach - self.walked < SHORT:
             starts = [drawn(part, self._random, WIDTHS[seed % len(WIDTHS)]) for seed in range(SEEDS)]
             found = self._best(part, starts, MANY, interruption)
         return found
 
     def _best(
         self, part: PlanningProblem, starts: list[Array], evaluations: int, interruption: Interruption
-    ) -> Control | None:
-        """Of what these starts lead to, each with so many evaluations at most."""
+    ) -> bool:
+        """Takes it of what these starts lead to, each with so many evaluations at most."""
         search = Lockstep(
             Method(self._solver, Adaptive(), MoorePenrose()), [part] * len(starts), interruption
         )
         plans = search.plans(Budget(evaluations), np.array(starts)).values()
-        for control in sorted(
-            (Control(part.basis, plan.coefficients) for plan in plans), key=lambda control: control.effort
-        ):
+        clear_ones = list[tuple[Control, Array, Array]]()
+        for control in sorted((Control(part.basis, plan.coefficients) for plan in plans), key=_effort):
+            if clear_ones and (
+                len(clear_ones) == CHOICE or control.effort > DEARER * clear_ones[0][0].effort
+            ):
+                break
             end = self._end(control)
             if end is not None:
-                self.here = end
-                return control
-        return None
+                clear_ones.append((control, end, self._derivative(control)))
+        if clear_ones:
+            self._take(*min(clear_ones, key=lambda one: one[0].effort * np.linalg.norm(one[2], 2)))
+        return bool(clear_ones)
 
     def _end(self, control: Control) -> Array | None:
         """Where a control leads from `here`; None where its path is not clear, or so steep that steps decide it."""
@@ -158,3 +192,7 @@ class RouteManoeuvres:
 
     def _values(self, pose: Array) -> dict[str, Array]:
         return self.problem.system.state_space.unpack(pose)
+
+
+def _effort(control: Control) -> float:
+    return control.effort

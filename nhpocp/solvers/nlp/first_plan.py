@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from nhpocp.constraints.bound import check_bounds
+from nhpocp.constraints.leg_acceleration import lacking_derivative
 from nhpocp.controls.basis import ControlBasis
 from nhpocp.controls.control import Control
 from nhpocp.controls.projection import project
@@ -36,7 +37,8 @@ KEPT = ("status", "guess_defect", "starts", "attempts")
 
 def brought(plan: Solution, tolerance: float) -> Solution:
     """A plan of a looser solver, as near to the goal as ``tolerance`` asks and within the bounds; itself if not."""
-    if plan.outcome is not Outcome.CONVERGED and not plan.final_error <= plan.tolerance:
+    reached = plan.outcome is Outcome.CONVERGED or plan.final_error <= plan.tolerance
+    if not reached or lacking_derivative(plan.problem.bounds, plan.control.basis):
         return plan
     found = _search(plan.problem, plan.control, NEARER * tolerance)
     if found.outcome is not Outcome.CONVERGED:
@@ -56,6 +58,8 @@ def over(problem: PlanningProblem, control: Control, basis: ControlBasis, tolera
 def reaches(plan: Solution | None, tolerance: float) -> bool:
     """Whether there is a plan that comes so near to the goal and keeps every bound."""
     if plan is None or plan.outcome is not Outcome.CONVERGED or not plan.final_error <= tolerance:
+        return False
+    if lacking_derivative(plan.problem.bounds, plan.control.basis):
         return False
     return all(
         report.ok for report in check_bounds(plan.problem.bounds, plan.trajectory["t"], plan.trajectory)

@@ -10,6 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from nhpocp import declared
+from nhpocp.constraints.leg_acceleration import lacking_derivative
 from nhpocp.constructed import Constructed
 from nhpocp.controls.piecewise_constant import PiecewiseConstant
 from nhpocp.declared import check
@@ -105,7 +106,8 @@ class MultipleShooting(Constructed):
 
     def _best(self, problem: PlanningProblem, progress: Progress | None) -> Solution:
         basis = problem.basis if self.over_basis else PiecewiseConstant(self.intervals)
-        if words := OBJECTIVES[problem.objective].lacking_control(basis):
+        cost = OBJECTIVES[problem.objective]
+        if words := cost.lacking_control(basis) or lacking_derivative(problem.bounds, basis):
             hint = "" if self.over_basis else "; write control: basis"
             raise InvalidProblemError(f"{words}{hint}", path="solvers.nlp.control")
         runs = list(self._from_starts(problem, progress))

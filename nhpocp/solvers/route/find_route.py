@@ -45,12 +45,13 @@ class RouteSearch:
     """How the search for a route ended.
 
     route: None where none was found; words: what is known then. checks: what the poses of manoeuvres along it have to
-    meet.
+    meet. trees: that did not meet, of the last search.
     """
 
     route: Route | None = None
     checks: PoseChecks | None = None
     words: str = ""
+    trees: Trees | None = None
 
 
 def lacking(problem: PlanningProblem) -> str:
@@ -81,7 +82,7 @@ def find_route(
     Errors: `MissingDependencyError` where OMPL, needed for any but straight routes, is ``required`` and not installed.
     """
     ends, words, began = np.stack([problem.start_point, problem.goal_point]), "", thread_time()
-    loops = known_loops(problem)
+    loops, trees = known_loops(problem), None
     for level in STRAIGHT:
         poses = _poses(problem, level, loops)
         if poses.free(*ends):
@@ -98,7 +99,7 @@ def find_route(
         words = _growth(problem, poses, trees, thread_time() - began)
         if stopped():
             break
-    return RouteSearch(words=words)
+    return RouteSearch(words=words, trees=trees)
 
 
 def _poses(problem: PlanningProblem, level: Level, loops: Loops | None) -> Poses:
@@ -146,5 +147,5 @@ def _apart(problem: PlanningProblem, poses: Poses, here: Array, there: Array) ->
     for block in space.blocks:
         part = float(np.linalg.norm(tangent[space.tangent_slice(block.name)]))
         angle = block.unit == "angle"
-        parts.append(f"{np.degrees(part):.3g} deg" if angle else f"{part:.3g}")
+        parts.append((f"{np.degrees(part):.3g} deg" if angle else f"{part:.3g}") + f" in {block.name}")
     return " and ".join(parts)

@@ -17,6 +17,7 @@ from nhpocp.constraints.bound import Bound, in_shape
 from nhpocp.objectives.quantity import quantity
 from nhpocp.problem import PlanningProblem
 from nhpocp.singular_values import svd
+from nhpocp.systems.leg_accelerations import LEG_ACCELERATIONS
 from nhpocp.systems.margins import det, sigma
 from nhpocp.systems.numeric import numeric_system
 from nhpocp.systems.system import System
@@ -95,7 +96,7 @@ class Within(PoseCheck):
     @cached_property
     def applies(self) -> bool:
         """Whether it is a quantity that no control changes."""
-        if self.bound.margin:
+        if self.bound.margin or self.bound.quantity == LEG_ACCELERATIONS:
             return False
         state = ca.SX.sym("x", self.system.state_space.size)
         control = ca.SX.sym("u", self.system.input_space.size)

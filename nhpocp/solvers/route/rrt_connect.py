@@ -29,12 +29,14 @@ HALF_TURN = np.pi  # beside start and goal, likewise of an angle
 class Trees:
     """What a search ended with.
 
-    waypoints: of a route, (k, size); None where there is none. start, goal: the poses of either tree, (k, size).
+    waypoints: of a route, (k, size); None where there is none. start, goal: the poses of either tree, (k, size), the
+    root first. parents: of either tree the place of the pose that each grew from, (k,); a root's is its own.
     """
 
     waypoints: Array | None
     start: Array
     goal: Array
+    parents: tuple[Array, Array] = (np.zeros(1, dtype=int), np.zeros(1, dtype=int))
 
 
 def installed() -> bool:
@@ -119,14 +121,27 @@ def grown(problem: PlanningProblem, poses: Poses, allowed: Allowed, seed: int) -
         waypoints[0], waypoints[-1] = problem.start_point, problem.goal_point
     data = base.PlannerData(information)
     planner.getPlannerData(data)
-    sides: dict[int, list[Array]] = {1: [], 2: []}  # OMPL's tags of the two trees
-    for place in range(data.numVertices()):
-        vertex = data.getVertex(place)
-        sides[vertex.getTag()].append(packing.point(vertex.getState()))
+    # OMPL's tags of the two trees; the edges of the second lead to its root
+    start, goal = _tree(data, packing, 1, data.getIncomingEdges), _tree(data, packing, 2, data.getEdges)
     roots = problem.start_point, problem.goal_point
-    return Trees(
-        waypoints, *(np.array(side or [root]) for side, root in zip(sides.values(), roots, strict=True))
+    (poses, parents), (others, of_others) = (
+        tree if len(tree[0]) else (root[None], np.zeros(1, dtype=int))
+        for tree, root in zip((start, goal), roots, strict=True)
     )
+    return Trees(waypoints, poses, others, (parents, of_others))
+
+
+def _tree(
+    data: Any, packing: _Packing, tag: int, towards_root: Callable[[int], list[int]]
+) -> tuple[Array, Array]:
+    """Poses of a tree, the root first, and the place of the one that each grew from."""
+    states = {v: data.getVertex(v) for v in range(data.numVertices())}
+    before = {v: next(iter(towards_root(v)), v) for v, vertex in states.items() if vertex.getTag() == tag}
+    before = {v: parent if parent in before else v for v, parent in before.items()}
+    order = sorted(before, key=lambda v: before[v] != v)
+    places = {v: place for place, v in enumerate(order)}
+    poses = np.array([packing.point(states[v].getState()) for v in order])
+    return poses, np.array([places[before[v]] for v in order], dtype=int)
 
 
 class _Packing:
