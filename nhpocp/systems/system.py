@@ -301,7 +301,7 @@ class System(Frozen, Shown):
     def _distances(self, state: Array) -> Array:
         """Of symbols by a function that is made once: the expressions are many."""
         assert self.surroundings is not None
-        made = _distance_function(self) if namespace(state) is not namespace() else None
+        made = None if namespace(state) is namespace() else _distance_function(self)
         return self.surroundings.distances(self.bodies(state)) if made is None else made(state)
 
     @property

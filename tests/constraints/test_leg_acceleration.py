@@ -24,8 +24,7 @@ from nhpocp.problem_file.building import build_solver
 from nhpocp.solvers.claimed import claimed
 from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.step_rules import Adaptive
-from nhpocp.solvers.nlp import multiple_shooting
-from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting
+from nhpocp.solvers.nlp.first_plan import reaches
 from nhpocp.systems.numeric import numeric_system
 from nhpocp.systems.orienting_platform import OrientingPlatform
 from nhpocp.systems.parallel_robot import ParallelRobot
@@ -114,17 +113,16 @@ def test_a_cure_is_found_for_a_bound_that_a_slower_motion_keeps():
     assert slower.verdict.bounds[0].ok
 
 
-def test_a_guess_without_bounds_is_taken_over_only_where_it_keeps_them():
-    solver, control = MultipleShooting(over_basis=True), paper_problem().control(PAPER_START)
+def test_a_plan_counts_for_an_nlp_only_where_it_keeps_them():
+    control = paper_problem().control(PAPER_START)
     wide = paper_problem(bounds=[replace(BOUND, lower=-1e4, upper=1e4)])
-    guess = claimed(paper_problem(), Continuation(), control, Outcome.CONVERGED, "", 0.0)
-    failed = claimed(wide, solver, control, Outcome.STAGNATED, "", 1.0)
-    taken = multiple_shooting._taken_over(failed, guess)
-    assert taken.trajectory["leg_accelerations"].shape == (201, 3)
+    plan = claimed(wide, Continuation(), control, Outcome.CONVERGED, "", 0.0)
+    assert plan.trajectory["leg_accelerations"].shape == (201, 3)
+    assert reaches(plan, 1e-6)
     narrow = paper_problem(bounds=[replace(BOUND, lower=-10.0, upper=10.0)])
-    assert multiple_shooting._taken_over(replace(failed, problem=narrow), guess) is None
-    jumping = replace(guess, control=join([replace(control, horizon=0.5), replace(control, horizon=0.5)]))
-    assert multiple_shooting._taken_over(failed, jumping) is None
+    assert not reaches(replace(plan, problem=narrow), 1e-6)
+    jumping = replace(plan, control=join([replace(control, horizon=0.5), replace(control, horizon=0.5)]))
+    assert not reaches(jumping, 1e-6)
 
 
 def test_the_pace_of_a_bound_on_accelerations_is_a_square_root():

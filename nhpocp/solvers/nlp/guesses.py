@@ -25,6 +25,7 @@ from nhpocp.problem import PlanningProblem
 from nhpocp.provenance import afford
 from nhpocp.solution import Solution, Solver
 from nhpocp.solvers.continuation.initial_control import seeded_start
+from nhpocp.solvers.nlp.first_plan import brought, over, reaches
 from nhpocp.solvers.nlp.transcription import Guess
 from nhpocp.state_space import StateSpace
 from nhpocp.systems.numeric import numeric_system
@@ -32,6 +33,7 @@ from nhpocp.systems.numeric import numeric_system
 STEPS_PER_INTERVAL = 4
 BYTES = 350.0  # for each entry of the Hessians that an NLP with a control over a basis is made of, measured
 BYTES_AT_LEAST = 35_000.0  # for each interval
+TOLERANCE = 1e-6  # of an NLP, unless said
 DRAWS = 40  # of a seeded control; an NLP needs no full rank, and begins with what is best conditioned
 
 
@@ -57,20 +59,28 @@ class GuessMaker(Protocol):
 
 
 def make_guess(
-    maker: GuessMaker, problem: PlanningProblem, basis: ControlBasis | None, intervals: int, seed: int
+    maker: GuessMaker,
+    problem: PlanningProblem,
+    basis: ControlBasis | None,
+    intervals: int,
+    seed: int,
+    tolerance: float = TOLERANCE,
 ) -> Guess:
     """The guess of a maker over ``basis`` (None: piecewise constant), simulated.
 
+    Another solver's plan leads to the goal over that basis too, within ``tolerance``, where the basis can follow it.
     Errors: `NoGuessError` where there is none, or its simulation is not finite.
     """
     _check_memory(problem, basis, intervals)
     horizon, origin = problem.horizon.first, None
+    wanted = basis or PiecewiseConstant(intervals)
     if isinstance(maker, SolverGuess):
-        origin = maker.solution(problem, horizon)
+        origin = brought(maker.solution(problem, horizon), tolerance)
         control = origin.control
+        if reaches(origin, tolerance):
+            control = over(origin.problem, control, wanted, tolerance) or control
     else:
         control = maker.control(problem, horizon, seed)
-    wanted = basis or PiecewiseConstant(intervals)
     if control.basis != wanted:
         control = project(control, wanted)
     states = follow(problem, control, intervals, STEPS_PER_INTERVAL)
@@ -169,7 +179,7 @@ class ProblemGuess(Constructed):
 
 @dataclass(frozen=True)
 class SolverGuess(Constructed):
-    """The control at which another solver ends, which is told of no bounds: a guess need not be feasible.
+    """The control at which another solver ends; a guess need neither keep the bounds nor reach the goal.
 
     solver: such as `Auto()`. Errors: `CallError` for what is no solver.
     """
@@ -188,7 +198,7 @@ class SolverGuess(Constructed):
 
     def solution(self, problem: PlanningProblem, horizon: float) -> Solution:
         """Whatever it ends as: near the goal is a guess too. Errors: `NoGuessError` where it was stopped."""
-        solution = self.solver.solve(replace(held(problem, horizon), bounds=()))
+        solution = self.solver.solve(held(problem, horizon))
         if solution.outcome is Outcome.INTERRUPTED:
             raise NoGuessError(
                 f"the {self.solver.name} solver, whose solution was to be the guess, was stopped",

@@ -11,6 +11,7 @@ from nhpocp.constraints.bound import in_shape
 from nhpocp.controls.control import Control
 from nhpocp.outcome import Outcome
 from nhpocp.problem import PlanningProblem
+from nhpocp.solution import Solution
 from nhpocp.solvers.nlp.guesses import GuessMaker, NoGuessError
 
 COARSER = 4  # times fewer intervals, where they are at least
@@ -32,6 +33,12 @@ class CoarseGuess:
     @property
     def kind(self) -> str:
         return self.maker.kind
+
+    @property
+    def origin(self) -> Solution | None:
+        """The plan that the coarse mesh began with."""
+        plan: Solution | None = self.run.origin
+        return plan
 
     def control(self, problem: PlanningProblem, horizon: float, seed: int) -> Control:
         coarse = self.run.solve()

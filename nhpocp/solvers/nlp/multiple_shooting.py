@@ -10,14 +10,12 @@ from typing import Any, ClassVar
 import numpy as np
 
 from nhpocp import declared
-from nhpocp.constraints.bound import check_bounds
 from nhpocp.constraints.leg_acceleration import lacking_derivative
 from nhpocp.constructed import Constructed
 from nhpocp.controls.piecewise_constant import PiecewiseConstant
 from nhpocp.declared import check
 from nhpocp.errors import CallError, InvalidProblemError, describe
 from nhpocp.flow.compiled.kernels import CompiledWhenReady, Kernels
-from nhpocp.flow.simulation import simulate
 from nhpocp.interruption import Interruption
 from nhpocp.objectives.registry import OBJECTIVES
 from nhpocp.outcome import Outcome
@@ -26,6 +24,7 @@ from nhpocp.solution import Progress, Solution, telling
 from nhpocp.solvers.continuation.auto import Auto
 from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.step_rules import Adaptive
+from nhpocp.solvers.nlp.first_plan import LoweredGuess, dearer, handed_back, kept, reaches
 from nhpocp.solvers.nlp.guesses import GuessMaker, ProblemGuess, SolverGuess, StraightGuess
 from nhpocp.solvers.nlp.ipopt import Ipopt
 from nhpocp.solvers.nlp.least_time import COARSER, COARSEST, CoarseGuess, singular_arcs
@@ -47,7 +46,8 @@ class MultipleShooting(Constructed):
     begin, `ProblemGuess()`, `SolverGuess(solver)` or `StraightGuess()`. kernels: `Interpreted()`, `Compiled()` or
     `CompiledWhenReady()` evaluate the intervals for IPOPT. Bounds that are broken between the nodes are tightened there
     by as much, and the problem is solved again. Where no start leads to an optimum, other guesses are tried within the
-    iterations that are left; else a guess that reaches the goal is handed back, and called one.
+    iterations that are left. No solution is dearer than the plan of a `SolverGuess`, or of the Jacobian method where
+    other guesses are tried: what that plan comes to in the null space is handed back instead, and called so.
     """
 
     intervals: int = declared.count(50, "equal parts of the horizon, each with one value of the control")
@@ -110,7 +110,8 @@ class MultipleShooting(Constructed):
         if words := cost.lacking_control(basis) or lacking_derivative(problem.bounds, basis):
             hint = "" if self.over_basis else "; write control: basis"
             raise InvalidProblemError(f"{words}{hint}", path="solvers.nlp.control")
-        ended = list(self._from_starts(problem, progress))
+        runs = list(self._from_starts(problem, progress))
+        ended, plan = [solution for solution, _ in runs], self._plan(runs[0][1])
         details: dict[str, Any] = {}
         if self.starts > 1:
             details["starts"] = [
@@ -118,8 +119,10 @@ class MultipleShooting(Constructed):
                 for i, solution in enumerate(ended)
             ]
         best = max(ended, key=_rank)
-        if not _well(best) and best.outcome is not Outcome.INTERRUPTED:
-            best = self._from_other_guesses(problem, progress, best, ended)
+        if best.outcome is Outcome.INTERRUPTED:
+            best = kept(best, plan) if plan else best
+        elif not _well(best, plan):
+            best = self._from_other_guesses(problem, progress, best, ended, plan)
         best = _summed(best, ended, details)
         if self.mesh_check and best.outcome is Outcome.CONVERGED and best.details.get("certified", True):
             began = perf_counter()
@@ -132,49 +135,80 @@ class MultipleShooting(Constructed):
             best = replace(best, warnings=[*best.warnings, *filter(None, [words])])
         return best
 
-    def _from_starts(self, problem: PlanningProblem, progress: Progress | None) -> Iterator[Solution]:
-        """One solution a start."""
+    def _from_starts(
+        self, problem: PlanningProblem, progress: Progress | None
+    ) -> Iterator[tuple[Solution, Run]]:
+        """One solution a start, and the run that led to it."""
         for start in range(self.starts):
             maker = self.guess if start == 0 else ProblemGuess()
             told = telling(progress, way=f"start {start + 1} of {self.starts}" if self.starts > 1 else None)
-            solution = self._run(
-                problem, told, maker, self.seed + start if start else 0, self._allowed
-            ).solve()
-            yield solution
+            run = self._run(problem, told, maker, self.seed + start if start else 0, self._allowed)
+            solution = run.solve()
+            yield solution, run
             if solution.outcome is Outcome.INTERRUPTED:
                 break
 
     def _from_other_guesses(
-        self, problem: PlanningProblem, progress: Progress | None, best: Solution, ended: list[Solution]
+        self,
+        problem: PlanningProblem,
+        progress: Progress | None,
+        best: Solution,
+        ended: list[Solution],
+        plan: Solution | None,
     ) -> Solution:
-        """What other guesses lead to, added to ``ended``: the first that ends well, else the best so far."""
+        """What other guesses lead to, added to ``ended``: the first that ends well, else the best so far, or the plan.
+
+        plan: another solver's, at hand, than which nothing may be dearer.
+        """
         tried = [f"{self.guess.kind}: {_in_short(best)}"]
-        budget, reached = self._allowed, None
+        budget = self._allowed
         left = budget * self.starts - sum(map(_iterations, ended)) if budget else None
         known: list[GuessMaker] = [StraightGuess(), SolverGuess(self._continuation), ProblemGuess()]
-        others = [maker for maker in known if maker.kind != self.guess.kind]
-        for maker in others:
+        waiting: list[GuessMaker] = []
+        if not _well(best):  # else it is an optimum, and only the plan's own valley may be deeper
+            waiting = [maker for maker in known if maker.kind != self.guess.kind]
+        lowered = self._lowered(problem, plan) if plan else None
+        if lowered:
+            lowered = lowered.mended(best) or lowered
+            waiting.insert(0, lowered)
+        while waiting:
             if left is not None and left <= 0:
                 tried.append("max_iterations was reached")
                 break
+            maker = waiting.pop(0)
             told = telling(progress, way=f"from the guess {maker.kind}")
-            run = self._run(problem, told, maker, 0, left, last=maker is others[-1])
+            last = not waiting and plan is None and not isinstance(maker, SolverGuess)
+            run = self._run(problem, told, maker, 0, left, last=last)
             solution = run.solve()
             ended.append(solution)
             if solution.outcome is Outcome.INTERRUPTED:
-                return solution
-            if _well(solution):
+                return kept(solution, plan) if plan else solution
+            before = lowered
+            if plan is None and (plan := self._plan(run)):
+                lowered = self._lowered(problem, plan)
+            if _well(solution, plan) and not (lowered and lowered.far_below(solution)):
                 words = f"this is the plan from the guess {maker.kind}; others before: {'; '.join(tried)}"
                 return replace(solution, warnings=[*solution.warnings, words])
             tried.append(f"{maker.kind}: {_in_short(solution)}")
             left = left - _iterations(solution) if left is not None else None
-            reached = reached or run.origin
+            lowered = (lowered.mended(solution) or lowered) if lowered else None
+            if lowered and lowered is not before:
+                waiting.insert(0, lowered)
         words = f"Guesses that were tried: {'; '.join(tried)}."
-        if stalled := _uncertified(ended):
+        stalled = _uncertified(ended)
+        if stalled and (plan is None or not dearer(stalled, plan)):
             return replace(stalled, message=f"{stalled.message} {words}")
-        if reached and best.outcome is not Outcome.CONVERGED and (plan := _taken_over(best, reached)):
-            return replace(plan, message=f"{plan.message} {words}")
+        if plan and lowered:
+            best = handed_back(best, plan, lowered)
         return replace(best, message=f"{best.message} {words}")
+
+    def _plan(self, run: Run) -> Solution | None:
+        """The plan that a run began with, if another solver made one that counts."""
+        return run.origin if run.origin and reaches(run.origin, self.tolerance) else None
+
+    def _lowered(self, problem: PlanningProblem, plan: Solution) -> LoweredGuess:
+        basis = problem.basis if self.over_basis else PiecewiseConstant(self.intervals)
+        return LoweredGuess(plan, basis, self.tolerance)
 
     def _run(
         self,
@@ -185,10 +219,10 @@ class MultipleShooting(Constructed):
         iterations: int | None,
         last: bool = False,
     ) -> Run:
-        """One run from one guess; of the iterations that are left only the last may take all."""
+        """One run from one guess; only the last may take all iterations that are left, without a plan to go back to."""
         optimizer: Any = self.optimizer
         if iterations is not None:
-            most = iterations if last else min(iterations, max(PATIENCE, iterations // 4))
+            most = iterations if last else min(iterations, max(PATIENCE, (self._allowed or 0) // 4))
             optimizer = replace(optimizer, max_iterations=most)
         if problem.objective == "time" and not self.over_basis and self.intervals >= COARSER * COARSEST:
             coarse = replace(self, intervals=self.intervals // COARSER)
@@ -210,10 +244,11 @@ def _objective(solution: Solution) -> float:
     return np.inf if value is None else float(value)
 
 
-def _well(solution: Solution) -> bool:
-    """Whether an optimum is what it says, as far as finer steps and the determinants' signs tell."""
+def _well(solution: Solution, plan: Solution | None = None) -> bool:
+    """Whether an optimum is what it says, as far as finer steps and the determinants' signs tell, and beats a plan."""
     gap, one_side = solution.details.get("resimulated_gap", 0.0), solution.details.get("one_side", True)
-    return solution.outcome is Outcome.CONVERGED and bool(one_side and gap <= solution.tolerance)
+    stands = solution.outcome is Outcome.CONVERGED and bool(one_side and gap <= solution.tolerance)
+    return stands and (plan is None or (reaches(solution, solution.tolerance) and not dearer(solution, plan)))
 
 
 def _uncertified(ended: list[Solution]) -> Solution | None:
@@ -230,44 +265,14 @@ def _uncertified(ended: list[Solution]) -> Solution | None:
     ]
     if not plans:
         return None
-    return _reached(min(plans, key=_objective), "")
-
-
-def _reached(plan: Solution, why: str) -> Solution:
-    """A solution that claims the goal, but no optimum, and says so."""
-    words = f"Reached; optimality is not certified{why}"
+    least, words = min(plans, key=_objective), "Reached; optimality is not certified"
     return replace(
-        plan,
+        least,
         outcome=Outcome.CONVERGED,
-        message=f"{words}. {plan.message}",
-        warnings=[*plan.warnings, words],
-        details={**plan.details, "certified": False},
+        message=f"{words}. {least.message}",
+        warnings=[*least.warnings, words],
+        details={**least.details, "certified": False},
     )
-
-
-def _taken_over(failed: Solution, plan: Solution) -> Solution | None:
-    """A guess that reaches the goal within every bound, where no optimum was found: what there is, in true words."""
-    problem, trajectory = failed.problem, plan.trajectory
-    if lacking_derivative(problem.bounds, plan.control.basis):
-        return None
-    if problem.system.accelerated:  # the guess was made without bounds
-        trajectory = simulate(problem, plan.control).trajectory
-    within = all(r.ok for r in check_bounds(problem.bounds, trajectory["t"], trajectory))
-    if problem.horizon.free or not within or not plan.final_error <= failed.tolerance:
-        return None
-    cost = plan.costs.get(problem.objective)
-    details = {**failed.details, "guess": "jacobian", "objective_value": cost}
-    for name in ("costates", "optimality"):
-        details.pop(name, None)
-    taken = replace(
-        failed,
-        final_error=plan.final_error,
-        control=plan.control,
-        trajectory=trajectory,
-        costs=plan.costs,
-        details=details,
-    )
-    return _reached(taken, ": this is the guess, over the problem's own basis")
 
 
 def _rank(solution: Solution) -> tuple[bool, bool, float]:

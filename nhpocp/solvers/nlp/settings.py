@@ -47,7 +47,9 @@ class NlpSettings(SolverSettings):
     shooting: str = declared.choice("multiple", TRANSCRIPTIONS, "transcription")
     plugin: str = declared.choice("ipopt", OPTIMIZERS, "the NLP solver")
     initial: str = declared.choice(
-        "problem", GUESSES, "guess: control.initial, the Jacobian method's solution, or a straight line"
+        "problem",
+        GUESSES,
+        "guess: control.initial, the Jacobian method's plan, than which nothing is dearer, or a straight line",
     )
     tolerance: float = declared.positive(1e-6, "the NLP solver's")
     max_iterations: int = declared.whole(1000, "the NLP solver's")

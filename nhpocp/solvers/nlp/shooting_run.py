@@ -15,13 +15,14 @@ from nhpocp.deferred import Deferred
 from nhpocp.flow.compiled.kernels import Interpreted, Kernels
 from nhpocp.flow.simulation import Motion, simulate
 from nhpocp.flow.step_error import ALLOWED, FINER
-from nhpocp.interruption import Interruption
+from nhpocp.interruption import STOPPED, Interruption
 from nhpocp.objectives.registry import OBJECTIVES
 from nhpocp.outcome import Outcome
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Progress, Solution
 from nhpocp.solvers.claimed import unsolved
 from nhpocp.solvers.nlp.ending import Ending, excess
+from nhpocp.solvers.nlp.first_plan import LoweredGuess
 from nhpocp.solvers.nlp.guesses import GuessMaker, NoGuessError, make_guess, meets
 from nhpocp.solvers.nlp.kkt_residuals import kkt_residuals
 from nhpocp.solvers.nlp.optimizer import Look, Optimizer, Optimum, failed
@@ -94,11 +95,22 @@ class Run:
     def solve(self) -> Solution:
         began = perf_counter()
         try:
-            guess = make_guess(self.maker, self.problem, self.basis, self.solver.intervals, self.seed)
+            guess = make_guess(
+                self.maker,
+                self.problem,
+                self.basis,
+                self.solver.intervals,
+                self.seed,
+                self.solver.tolerance,
+            )
         except NoGuessError as error:
             sentence, seconds = f"No guess to start from: {error.message}.", perf_counter() - began
             return unsolved(self.problem, self.solver, error.outcome, sentence, build_seconds=seconds)
-        self.origin = guess.origin
+        self.evaluations += self.maker.evaluations if isinstance(self.maker, LoweredGuess) else 0
+        with Interruption() as interruption:
+            if interruption.noted and isinstance(self.maker, LoweredGuess):  # the plan itself is at hand
+                return unsolved(self.problem, self.solver, Outcome.INTERRUPTED, f"{STOPPED}.")
+        self.origin = guess.origin or getattr(self.maker, "origin", None)
         if guess.origin:
             self.evaluations += guess.origin.evaluations
             if guess.origin.outcome is not Outcome.CONVERGED:

@@ -1,0 +1,164 @@
+"""An NLP that begins with another solver's plan never ends with a dearer one, and says whose plan it hands back."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from nhpocp import planning
+from nhpocp.constraints.bound import Bound
+from nhpocp.controls.piecewise_constant import PiecewiseConstant
+from nhpocp.flow.compiled.kernels import Interpreted
+from nhpocp.outcome import Outcome
+from nhpocp.problem import PlanningProblem
+from nhpocp.solvers.continuation.auto import Auto
+from nhpocp.solvers.continuation.continuation import Continuation
+from nhpocp.solvers.continuation.step_rules import Adaptive
+from nhpocp.solvers.nlp.first_plan import LoweredGuess, brought, cost_of, dearer, over, reaches
+from nhpocp.solvers.nlp.guesses import SolverGuess
+from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting
+from nhpocp.solvers.nlp.optimizer import failed
+from nhpocp.systems.heisenberg import Heisenberg
+from nhpocp.systems.unicycle import Unicycle
+from tests.conftest import paper_problem
+
+ADAPTIVE = Auto(Continuation(step_rule=Adaptive()))
+CHEAP = Auto(Continuation(step_rule=Adaptive(), objective="effort", tolerance=1e-6))
+ORIGIN = {"x": 0.0, "y": 0.0, "z": 0.0}
+
+
+def turning(height, **settings):
+    """Heisenberg's system up its z axis, over a circle: 2π of effort at height 1."""
+    return PlanningProblem(
+        system=Heisenberg(),
+        start=ORIGIN,
+        goal={**ORIGIN, "z": height},
+        initial=[[0, 0, 1, 0, 0], [0, 1, 0, 0, 0]],
+        **settings,
+    )
+
+
+def parking():
+    return PlanningProblem(
+        system=Unicycle(),
+        start={"x": 0.0, "y": 0.0, "theta": 0.0},
+        goal={"x": 0.0, "y": 1.0, "theta": 0.0},
+        initial=[[1, 0, 1, 0, 0], [0, 1, 0, 0, 0]],
+    )
+
+
+@dataclass(frozen=True)
+class Lying:
+    """An optimizer that ends where it began, with any claim."""
+
+    claim: Outcome = Outcome.STAGNATED
+    kind = "lying"
+    takes_derivatives = False
+    heeds_stops = True
+    tolerance: float = 1e-6
+
+    def settings(self):
+        return {"plugin": self.kind}
+
+    def solve(self, programme, start, multipliers=None, watch=None):
+        left = failed(programme, start + 0.1, RuntimeError("lie"))
+        return replace(left, outcome=self.claim, status="Word")
+
+
+def warm(solver=ADAPTIVE, **settings):
+    return MultipleShooting(
+        **{"intervals": 12, "kernels": Interpreted(), "guess": SolverGuess(solver), **settings}
+    )
+
+
+@pytest.mark.parametrize(
+    ("problem", "optimizer"),
+    [
+        (turning(1.0), {}),
+        (turning(-0.2), {"optimizer": Lying()}),
+        (parking(), {}),
+        (parking(), {"optimizer": Lying()}),
+        (paper_problem(), {}),
+    ],
+    ids=["turning", "turning, failing", "parking", "parking, failing", "paper"],
+)
+def test_nothing_is_dearer_than_the_plan_it_began_with(problem, optimizer):
+    plan = brought(ADAPTIVE.solve(problem), 1e-6)
+    solution = planning.solve(problem, warm(**optimizer))
+    assert solution.converged, solution.message
+    assert solution.solver == "nlp"
+    assert solution.details["objective_value"] == pytest.approx(cost_of(solution))
+    assert cost_of(solution) <= cost_of(plan) * (1 + 1e-9)
+    assert "handed_back" in solution.details or not optimizer
+
+
+def test_an_optimum_that_costs_more_than_the_plan_is_not_taken():
+    """Over four intervals the least is 8, over a circle 2π."""
+    solution = planning.solve(turning(1.0), warm(CHEAP, intervals=4))
+    assert solution.converged, solution.message
+    assert cost_of(solution) == pytest.approx(2 * np.pi, rel=1e-6)
+    assert "the plan it began with is handed back: the NLP's optimum costs effort 8" in solution.message
+    assert solution.details["certified"] is False
+    assert "optimality" not in solution.details
+
+
+@pytest.mark.parametrize("claim", [Outcome.STAGNATED, Outcome.ITERATION_LIMIT, Outcome.NOT_FINITE])
+def test_a_plan_is_handed_back_with_its_own_numbers_and_words(claim):
+    solution = planning.solve(turning(1.0), warm(CHEAP, optimizer=Lying(claim)))
+    assert solution.converged, solution.message
+    assert solution.message.startswith(
+        "Reached; optimality is not certified; the plan it began with is handed"
+    )
+    assert f"the NLP ended as {claim.value}" in solution.message
+    assert any("handed back" in words for words in solution.warnings)
+    assert not {"costates", "optimality", "feasible"} & set(solution.details)
+    assert solution.final_error <= solution.tolerance == 1e-6
+    assert solution.details["status"] == "Word"
+
+
+def test_what_is_stopped_keeps_the_plan():
+    problem = turning(1.0)
+    solution = planning.solve(problem, warm(CHEAP, optimizer=Lying(Outcome.INTERRUPTED)))
+    assert solution.outcome is Outcome.INTERRUPTED
+    assert "the Jacobian method's plan is kept, of effort 6.28" in solution.message
+    assert solution.verdict.ok
+    assert solution.verdict.error < 1e-6
+
+
+def test_a_plan_within_the_bounds_is_handed_back_within_them():
+    limit = 0.95 * np.sqrt(2 * np.pi)  # of the circle's speed
+    problem = turning(1.0, bounds=[Bound("control", "u2", -limit, limit)])
+    solution = planning.solve(problem, warm(intervals=5, optimizer=Lying()))
+    assert solution.converged, solution.message
+    assert "handed back" in solution.message
+    assert np.abs(solution.trajectory["u2"]).max() <= limit * (1 + 1e-3)
+
+
+def test_a_plan_that_does_not_reach_the_goal_is_not_handed_back():
+    short = Continuation(step_rule=Adaptive(), max_iterations=0)
+    solution = planning.solve(turning(1.0), warm(short, optimizer=Lying()))
+    assert "handed_back" not in solution.details
+    assert not solution.converged
+
+
+def test_a_plan_comes_nearer_to_the_goal_and_fits_another_basis():
+    problem = paper_problem()
+    loose = ADAPTIVE.solve(problem)
+    assert loose.final_error > 1e-6
+    plan = brought(loose, 1e-6)
+    assert reaches(plan, 1e-6)
+    assert cost_of(plan) == pytest.approx(cost_of(loose), rel=1e-2)
+    basis = PiecewiseConstant(20)
+    control = over(problem, plan.control, basis, 1e-6)
+    assert control.basis == basis
+    assert control.effort == pytest.approx(plan.control.effort, rel=0.05)
+    assert over(problem, plan.control, PiecewiseConstant(1), 1e-6) is None
+
+
+def test_what_costs_less_is_still_a_plan():
+    plan = brought(ADAPTIVE.solve(paper_problem()), 1e-6)
+    guess = LoweredGuess(plan, PiecewiseConstant(20), 1e-6)
+    assert dearer(plan, guess.least)
+    assert reaches(guess.least, 1e-6)
+    assert guess.control(plan.problem, 1.0, 0).basis == PiecewiseConstant(20)
+    assert guess.evaluations > 0
