@@ -29,6 +29,7 @@ from nhpocp.solvers.continuation.continuation_result import ContinuationResult
 from nhpocp.solvers.continuation.ending import Ending
 from nhpocp.solvers.continuation.geodesic import Geodesic
 from nhpocp.solvers.continuation.initial_control import drawn
+from nhpocp.solvers.continuation.merging import Merging
 from nhpocp.solvers.continuation.route_manoeuvres import RouteManoeuvres
 from nhpocp.solvers.continuation.step_rules import Adaptive
 from nhpocp.solvers.route.find_route import find_route, lacking
@@ -347,7 +348,27 @@ class _Search:
         )
 
     def _joined(self, controls: list[Control]) -> ContinuationResult:
-        """Manoeuvres as one control over the problem's horizon, corrected as one.
+        """Manoeuvres as one control, corrected as one; where less is asked for, merged before."""
+        joined = self._as_one(controls)
+        solver = replace(self.base, integrator=joined.integrator)
+        if self.base.objective == "none" or joined.outcome is not Outcome.CONVERGED:
+            return self._finished(joined, solver)
+        merging = Merging(self.problem, controls, self.base.tolerance, self.base.max_iterations)
+        try:
+            for effort in merging.run():
+                self.way = f"merging manoeuvres, effort {effort / self.problem.horizon.fixed:.4g}"
+                self._tell()
+        except KeyboardInterrupt:
+            return replace(joined, outcome=Outcome.INTERRUPTED, message=STOPPED)
+        merged = self._as_one([merging.control], merging.steps)
+        if merged.outcome is not Outcome.CONVERGED or merged.control.effort > joined.control.effort:
+            return self._finished(joined, solver)
+        if self.problem.bounds or self.base.objective != "effort":
+            return self._finished(merged, replace(self.base, integrator=merged.integrator))
+        return merging.told(merged)
+
+    def _as_one(self, controls: list[Control], steps: int = 0) -> ContinuationResult:
+        """Manoeuvres as one control over the problem's horizon, by ``steps`` or as many as the shortest asks for.
 
         Manoeuvre i would cost E_i in unit time; it gets √E_i / Σ √E of the horizon, with which the whole costs
         (Σ √E)²/T, the least of all divisions.
@@ -355,15 +376,15 @@ class _Search:
         weights = np.sqrt([control.effort for control in controls])
         weights = np.maximum(weights, SHORTEST * weights.mean())
         durations = self.problem.horizon.fixed * weights / weights.sum()
-        joined = join([retimed(control, time) for control, time in zip(controls, durations, strict=True)])
+        timed = [retimed(control, time) for control, time in zip(controls, durations, strict=True)]
         integrator = self.base.integrator
         if isinstance(integrator, RungeKutta4):
-            steps = int(STEPS_PER_PIECE * integrator.steps * weights.sum() / weights.min())
-            integrator = replace(integrator, steps=steps)
-        solver = replace(self.base, integrator=integrator)
-        whole = replace(begun_from(self.problem, joined), bounds=())
+            fewest = int(STEPS_PER_PIECE * integrator.steps * weights.sum() / weights.min())
+            integrator = replace(integrator, steps=max(steps, fewest))
+        solver = replace(self.base, integrator=integrator, objective="none")
+        whole = begun_from(self.problem, join(timed) if len(timed) > 1 else timed[0])
         self.way = f"{len(controls)} manoeuvres as one"
-        return self._finished(self._solve(replace(solver, objective="none"), whole), solver)
+        return self._solve(solver, replace(whole, bounds=()))
 
 
 def _nearness(result: ContinuationResult) -> tuple[bool, float]:
