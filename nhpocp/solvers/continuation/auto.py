@@ -348,10 +348,11 @@ class _Search:
         )
 
     def _joined(self, controls: list[Control]) -> ContinuationResult:
-        """Manoeuvres as one control, corrected as one; where less is asked for, merged before."""
+        """Manoeuvres as one control, corrected as one; merged where less is asked for."""
         joined = self._as_one(controls)
         solver = replace(self.base, integrator=joined.integrator)
-        if self.base.objective == "none" or joined.outcome is not Outcome.CONVERGED:
+        asked = self.base.objective != "none" and not self.problem.via
+        if not asked or joined.outcome is not Outcome.CONVERGED:
             return self._finished(joined, solver)
         merging = Merging(self.problem, controls, self.base.tolerance, self.base.max_iterations)
         try:
@@ -361,7 +362,7 @@ class _Search:
         except KeyboardInterrupt:
             return replace(joined, outcome=Outcome.INTERRUPTED, message=STOPPED)
         merged = self._as_one([merging.control], merging.steps)
-        if merged.outcome is not Outcome.CONVERGED or merged.control.effort > joined.control.effort:
+        if merged.outcome is not Outcome.CONVERGED or not merged.control.effort < joined.control.effort:
             return self._finished(joined, solver)
         if self.problem.bounds or self.base.objective != "effort":
             return self._finished(merged, replace(self.base, integrator=merged.integrator))

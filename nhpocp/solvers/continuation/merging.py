@@ -9,13 +9,13 @@ from math import ceil
 
 import numpy as np
 
-from nhpocp.arrays import Array
 from nhpocp.controls.bspline import BSpline
 from nhpocp.controls.control import Control
 from nhpocp.controls.projection import project
 from nhpocp.controls.sequence import SequenceBasis, join, retimed
 from nhpocp.flow.end_point_map import flow_through
 from nhpocp.flow.integrators import RungeKutta4
+from nhpocp.flow.step_error import ALLOWED
 from nhpocp.interruption import Interruption
 from nhpocp.problem import PlanningProblem
 from nhpocp.solvers.budget import Budget
@@ -25,7 +25,10 @@ from nhpocp.solvers.least_cost.stretch import FEWEST_STEPS, Shortening, Stretch
 from nhpocp.solvers.least_cost.walls import walls
 
 SHORTEST = 0.5  # of the mean duration: what a part of little effort gets of a merged stretch
-ON_THE_WAY, MOST_ON_THE_WAY = (1.0, 0.2), 80  # weights of the walls while there are neighbours, and steps of a search
+ON_THE_WAY, MOST_ON_THE_WAY = (
+    (1.0, 0.2),
+    80,
+)  # weights of the walls while there are neighbours, and steps of a search
 AT_THE_END, MOST_AT_THE_END = (0.2, 0.05), 300
 SETTLED = 5e-3  # of the effort: what the last of these takes off a plan that no surface holds
 FUNCTIONS, FEWEST_FUNCTIONS = 4.0, 12  # of a smooth basis, for each radian of √E, and at least
@@ -46,9 +49,11 @@ class Merging:
     to be searched as one.
     """
 
-    def __init__(self, problem: PlanningProblem, controls: Sequence[Control], tolerance: float, most: int) -> None:
+    def __init__(
+        self, problem: PlanningProblem, controls: Sequence[Control], tolerance: float, most: int
+    ) -> None:
         """controls: of unit time. tolerance: on E. most: evaluations of each search."""
-        self.problem, self.most, self.allowed = problem, most, 0.1 * tolerance
+        self.problem, self.most, self.allowed = problem, most, ALLOWED * tolerance
         self.stationary = False
         self.walls = walls(problem)
         self.stretches = self._stretches(controls)
@@ -103,7 +108,9 @@ class Merging:
         if surfaces and not self.stationary:
             details["falls_towards"] = list(surfaces)
             words = f"held off {' and '.join(surfaces)}, towards which it falls"
-        message = f"{result.message}; effort {result.control.effort:.6g} {words}, of {self.began:.4g} as joined"
+        message = (
+            f"{result.message}; effort {result.control.effort:.6g} {words}, of {self.began:.4g} as joined"
+        )
         return replace(result, message=message, details={**result.details, **details})
 
     def _merged(self, search: Shortening, pair: Sequence[Stretch]) -> Stretch:
@@ -124,9 +131,9 @@ class Merging:
             return stretch
         smooth = project(stretch.control, BSpline(3, functions - 3))
         try:
-            ended, _ = search.shortened(
-                replace(stretch, control=smooth, steps=max(stretch.steps // 2, STEPS_PER_FUNCTION * functions)), ON_THE_WAY[-1:], MOST_ON_THE_WAY, Budget(self.most)
-            )
+            steps = max(stretch.steps // 2, STEPS_PER_FUNCTION * functions)
+            over = replace(stretch, control=smooth, steps=steps)
+            ended, _ = search.shortened(over, ON_THE_WAY[-1:], MOST_ON_THE_WAY, Budget(self.most))
         except NoSurfaceError:
             return stretch
         return ended if ended.control.effort <= DEARER * stretch.control.effort else stretch

@@ -191,8 +191,12 @@ class _Descent:
         self.effort = cost_map("effort", towards, control.basis, 1.0, RungeKutta4())
         self.unit = float(np.max(problem.scales.inputs)) ** 2  # of the effort in unit time
         even = graded(
-            np.linspace(0.0, 1.0, 3), np.zeros((3, 1)), np.empty((3, 0)), np.ones(1),
-            control.breakpoints, stretch.steps,
+            np.linspace(0.0, 1.0, 3),
+            np.zeros((3, 1)),
+            np.empty((3, 0)),
+            np.ones(1),
+            control.breakpoints,
+            stretch.steps,
         )
         self.paths = _Paths(towards, owner.walls, stretch, even)
         self.first = self.paths.see(control.coefficients)
@@ -228,7 +232,13 @@ class _Descent:
 
         try:
             return minimise(
-                self._surface, cost, self.y, curvature=2.0, tolerance=tolerance, goal=GOAL, most=most,
+                self._surface,
+                cost,
+                self.y,
+                curvature=2.0,
+                tolerance=tolerance,
+                goal=GOAL,
+                most=most,
                 budget=self.budget,
             )
         except (NoSurfaceError, np.linalg.LinAlgError):

@@ -14,7 +14,9 @@ from nhpocp.objectives.quantity import quantity
 from nhpocp.problem import PlanningProblem
 from nhpocp.systems.numeric import numeric_system
 
-NEAR = 0.05  # of a bound's size: how far from it the wall counts 1, which at the start a singular surface does
+NEAR = (
+    0.05  # of a bound's size: how far from it the wall counts 1, which at the start a singular surface does
+)
 FORGIVEN = 5e-4  # of its size: by how much a bound may be passed, half of what verification forgives
 LONGEST = 20_000  # instructions of bounds that are written out as walls; longer ones are kept by refusing
 EXPANDED = 6  # the largest matrix whose determinant is written out
