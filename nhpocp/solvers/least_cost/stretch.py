@@ -21,7 +21,6 @@ from nhpocp.solvers.budget import Budget
 from nhpocp.solvers.least_cost.null_space import NoSurfaceError, NullSpaceResult, minimise
 from nhpocp.solvers.least_cost.walls import Walls, clear_of
 from nhpocp.solvers.metrics import Coordinates, WeightedMetric
-from nhpocp.systems.numeric import numeric_system
 
 FEWEST_STEPS, MOST_STEPS = 80, 12_000  # of a stretch's integration
 REFINED = 8  # times the steps that a search begins with, at most
