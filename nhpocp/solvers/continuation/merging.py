@@ -9,6 +9,7 @@ from math import ceil
 
 import numpy as np
 
+from nhpocp.arrays import Array
 from nhpocp.controls.bspline import BSpline
 from nhpocp.controls.control import Control
 from nhpocp.controls.projection import project
@@ -25,10 +26,8 @@ from nhpocp.solvers.least_cost.stretch import FEWEST_STEPS, Shortening, Stretch
 from nhpocp.solvers.least_cost.walls import walls
 
 SHORTEST = 0.5  # of the mean duration: what a part of little effort gets of a merged stretch
-ON_THE_WAY, MOST_ON_THE_WAY = (
-    (1.0, 0.2),
-    80,
-)  # weights of the walls while there are neighbours, and steps of a search
+RELAXING, MOST_RELAXING = (0.5,), 40  # weights of the walls, sweep after sweep, and steps of each search
+ON_THE_WAY, MOST_ON_THE_WAY = (1.0, 0.2), 80  # while there are neighbours
 AT_THE_END, MOST_AT_THE_END = (0.2, 0.05), 300
 SETTLED = 5e-3  # of the effort: what the last of these takes off a plan that no surface holds
 FUNCTIONS, FEWEST_FUNCTIONS = 4.0, 12  # of a smooth basis, for each radian of √E, and at least
@@ -43,10 +42,10 @@ class Merging:
     """Manoeuvres, each from the pose where the one before ends, merged into one.
 
     Off the singular surfaces a displacement z along the brackets costs 4π|z| by one loop, and n times that by n loops
-    of a displacement z/n each: long sequences are dear, and each of them is near a saddle rather than a minimum. Two
-    neighbours at a time become one stretch between poses that are held, its effort falls in the null space of J with
-    `Walls` that repel, and so on with stretches twice as long, until one is left. Long sequences would be too sensitive
-    to be searched as one.
+    of a displacement z/n each: long sequences are dear, and near a saddle rather than a minimum. As one they are too
+    sensitive to be searched. So two neighbours at a time are one stretch between poses that are held, its effort
+    falls in the null space of J with `Walls` that repel, and the pose between them goes where that
+    leads. After that they stay one, and so on with stretches twice as long, until one is left.
     """
 
     def __init__(
@@ -63,8 +62,7 @@ class Merging:
     def _stretches(self, controls: Sequence[Control]) -> list[Stretch]:
         space, here, stretches = self.problem.system.state_space, self.problem.start_point, []
         for place, control in enumerate(controls, 1):
-            flow = flow_through(self.problem.system, control.basis, 1.0, RungeKutta4(FINE_STEPS), ())
-            end = space.nearest(flow.end(here, control.coefficients))
+            end = self._end(here, control, FINE_STEPS)
             goal = self.problem.goal if place == len(controls) else space.unpack(end)
             stretches.append(Stretch(here, goal, control, FEWEST_STEPS))
             here = end
@@ -76,6 +74,9 @@ class Merging:
             return
         with Interruption() as interruption, np.errstate(all="ignore"):
             search = Shortening(self.problem, self.walls, self.allowed, interruption.check)
+            for weight in RELAXING:
+                for first in (0, 1):
+                    yield from self._relax(search, first, weight)
             while len(self.stretches) > 1:
                 merged: list[Stretch] = []
                 for pair in _groups(self.stretches):
@@ -113,11 +114,37 @@ class Merging:
         )
         return replace(result, message=message, details={**result.details, **details})
 
+    def _relax(self, search: Shortening, first: int, weight: float) -> Iterator[float]:
+        """Lets the poses between neighbours go where both together have less effort, from that one on."""
+        for place in range(first, len(self.stretches) - 1, 2):
+            pair = self.stretches[place : place + 2]
+            try:
+                both, _ = search.shortened(_together(pair), (weight,), MOST_RELAXING, Budget(self.most))
+            except NoSurfaceError:
+                continue
+            self.stretches[place : place + 2] = self._cut(both, pair)
+            yield self.effort
+
+    def _cut(self, both: Stretch, pair: Sequence[Stretch]) -> list[Stretch]:
+        """A stretch cut where the first of the two ends that it was made of."""
+        count, pieces = len(pieces_of(pair[0].control)), pieces_of(both.control)
+        controls = [retimed(joined(part), 1.0) for part in (pieces[:count], pieces[count:])]
+        middle = self._end(both.start, controls[0], FINE_STEPS + both.steps)
+        steps = max(FEWEST_STEPS, both.steps // 2)
+        values = self.problem.system.state_space.unpack(middle)
+        return [
+            Stretch(both.start, values, controls[0], steps),
+            Stretch(middle, both.goal, controls[1], steps),
+        ]
+
+    def _end(self, start: Array, control: Control, steps: int) -> Array:
+        flow = flow_through(self.problem.system, control.basis, 1.0, RungeKutta4(steps), ())
+        return self.problem.system.state_space.nearest(flow.end(start, control.coefficients))
+
     def _merged(self, search: Shortening, pair: Sequence[Stretch]) -> Stretch:
         if len(pair) == 1:
             return pair[0]
-        steps = sum(stretch.steps for stretch in pair)
-        both = Stretch(pair[0].start, pair[-1].goal, concatenated([s.control for s in pair]), steps)
+        both = _together(pair)
         try:
             both, _ = search.shortened(both, ON_THE_WAY, MOST_ON_THE_WAY, Budget(self.most))
         except NoSurfaceError:
@@ -154,6 +181,12 @@ class Merging:
                 return  # it falls on towards a surface
 
 
+def _together(stretches: Sequence[Stretch]) -> Stretch:
+    control = concatenated([stretch.control for stretch in stretches])
+    steps = sum(stretch.steps for stretch in stretches)
+    return Stretch(stretches[0].start, stretches[-1].goal, control, steps)
+
+
 def _groups(stretches: Sequence[Stretch]) -> list[list[Stretch]]:
     """Neighbours, two or as many as are as long as two are on average; short ones are hardly worth a search."""
     enough = sum(stretch.length for stretch in stretches) / len(stretches)
@@ -172,8 +205,12 @@ def concatenated(controls: Sequence[Control]) -> Control:
     weights = np.sqrt([control.effort for control in controls])
     weights = np.maximum(weights, SHORTEST * weights.mean())
     parts = [retimed(c, w / weights.sum()) for c, w in zip(controls, weights, strict=True)]
-    whole = join([piece for part in parts for piece in pieces_of(part)])
-    return Control(whole.basis, whole.coefficients, 1.0)
+    return retimed(joined([piece for part in parts for piece in pieces_of(part)]), 1.0)
+
+
+def joined(pieces: Sequence[Control]) -> Control:
+    """Pieces in sequence; one alone is itself."""
+    return join(pieces) if len(pieces) > 1 else pieces[0]
 
 
 def pieces_of(control: Control) -> list[Control]:
