@@ -106,9 +106,7 @@ class _Search:
         self.tried: list[dict[str, Any]] = []
         self.way = ""  # what is being tried, in words
         self.solves = 0
-        self.stalled: list[
-            tuple[float, set[str]]
-        ] = []  # violations at which ways came to rest, and what is broken
+        self.stalled: list[tuple[float, set[str]]] = []  # violations where ways rest, and what is broken
         self.given_up = False  # for want of evaluations
 
     def result(self) -> ContinuationResult:

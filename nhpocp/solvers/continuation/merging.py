@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import accumulate
 from math import ceil
+from typing import Any
 
 import numpy as np
 
@@ -104,7 +105,7 @@ class Merging:
     def told(self, result: ContinuationResult) -> ContinuationResult:
         """The result of the control that is left, with what is known of its effort."""
         surfaces = self.walls.names if self.walls else ()
-        details = {"objective_value": result.control.effort, "stationary": self.stationary}
+        details: dict[str, Any] = {"objective_value": result.control.effort, "stationary": self.stationary}
         words = "at a stationary point" if self.stationary else "not at a stationary point"
         if surfaces and not self.stationary:
             details["falls_towards"] = list(surfaces)

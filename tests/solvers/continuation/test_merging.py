@@ -1,6 +1,7 @@
 """Manoeuvres merged: what is cut and joined stays the same motion, and none costs more than it did."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -103,7 +104,7 @@ def test_merging_never_costs_more_and_ends_near_the_least(steps_aside):
     merging = Merging(problem, steps_aside, TOLERANCE, 500)
     first = merging.effort
     efforts = [first, *merging.run()]
-    assert all(later <= (1.0 + 1e-6) * earlier for earlier, later in zip(efforts, efforts[1:], strict=False))
+    assert all(later <= (1.0 + 1e-6) * earlier for earlier, later in pairwise(efforts))
     assert len(merging.stretches) == 1
     assert merging.control.effort < 0.4 * first
     assert merging.control.effort == pytest.approx(LEAST, rel=0.03)
@@ -111,7 +112,7 @@ def test_merging_never_costs_more_and_ends_near_the_least(steps_aside):
     np.testing.assert_allclose(end(problem, merging.control), problem.goal_point, atol=TOLERANCE)
 
 
-def test_a_merged_plan_is_verified_and_says_what_it_was(steps_aside, monkeypatch):
+def test_a_merged_plan_is_verified_and_says_what_it_was(steps_aside):
     search = auto._Search(Auto(Continuation(step_rule=Adaptive(), objective="effort")), aside(), None)
     result = search._joined(steps_aside)
     assert result.outcome is Outcome.CONVERGED
