@@ -41,6 +41,8 @@ def as_text(text: str) -> str:
 
 def _cell(value: Any, truth: tuple[str, str]) -> Any:
     """A value as text that reads back as the same number; what is missing or not finite as nothing."""
+    if type(value) is float:  # most are
+        return repr(value) if math.isfinite(value) else ""
     if isinstance(value, str):
         return as_text(value)
     if hasattr(value, "item"):  # NumPy's

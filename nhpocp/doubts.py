@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from nhpocp.errors import InvalidProblemError
-from nhpocp.foreseen import broken_poses, singular_goal
+from nhpocp.foreseen import broken_poses, other_side, singular_goal, singular_pose
 from nhpocp.pace import too_far
 from nhpocp.problem import PlanningProblem
 from nhpocp.scales import coarse
@@ -45,6 +45,11 @@ def doubts(
         yield InvalidProblemError(words, path=place, at_key=True)
     if on_the_surface := singular_goal(problem)[1]:
         yield InvalidProblemError(f"{on_the_surface}; no plan can end there", path="goal", at_key=True)
+    if on_the_surface := singular_pose(problem, start)[1]:
+        words = f"{on_the_surface}; the machine is singular where it begins"
+        yield InvalidProblemError(words, path="start", at_key=True)
+    if words := other_side(problem):
+        yield InvalidProblemError(f"{words}; no path leads there", path="goal", at_key=True)
     horizon = problem.horizon
     if words := too_far(problem, horizon.maximum if horizon.free else horizon.initial, tolerance):
         yield InvalidProblemError(words, path="constraints.leg_speed", at_key=True)

@@ -14,6 +14,7 @@ from nhpocp.constraints.bound import Bound, BoundReport, check_bounds, in_shape
 from nhpocp.objectives.registry import OBJECTIVES
 from nhpocp.problem import PlanningProblem
 from nhpocp.singular_values import svd
+from nhpocp.systems.leg_accelerations import LEG_ACCELERATIONS
 from nhpocp.systems.margins import det, margin, sigma
 from nhpocp.systems.system import DISTANCE
 
@@ -55,7 +56,7 @@ def of_the_pose(problem: PlanningProblem, pose: Mapping[str, Any], names: Iterab
     if not set(space.names) <= set(pose):
         return {}
     point, inputs = np.asarray(space.pack(pose)), system.input_space.size
-    wanted = {*names} - {*space.names, *system.input_space.names}
+    wanted = {*names} - {*space.names, *system.input_space.names, LEG_ACCELERATIONS}
     values: dict[str, Array] = {}
     for name in wanted:
         if bounded := margin(name):
@@ -78,20 +79,49 @@ def of_the_pose(problem: PlanningProblem, pose: Mapping[str, Any], names: Iterab
 
 
 def singular_goal(problem: PlanningProblem) -> tuple[str, str]:
-    """The matrix that is singular at the goal and separates what the machine can do, and what is so in words.
+    """`singular_pose` of the goal."""
+    return singular_pose(problem, problem.goal)
+
+
+def singular_pose(problem: PlanningProblem, pose: Mapping[str, Any]) -> tuple[str, str]:
+    """The matrix that is singular at a pose and separates what the machine can do, and what is so in words.
 
     Both empty where none is.
     """
     system = problem.system
     names = {sigma(name).name: name for name in system.separating()}
     with np.errstate(all="ignore"):  # of a pose where a joint has no direction
-        margins = of_the_pose(problem, problem.goal, names)
+        margins = of_the_pose(problem, pose, names)
     for quantity, least in margins.items():
         if least <= ON_THE_SURFACE:
             letter = det(names[quantity]).letter
             words = f"lies on det {letter} = 0, where σ_min({letter}) is {least:.2g}"
             return names[quantity], words
     return "", ""
+
+
+def other_side(problem: PlanningProblem) -> str:
+    """Determinants that no path of the machine changes for good, and that differ in sign at the goal, in words.
+
+    Empty where there are none, or where the goal is no pose.
+    """
+    system, sentences = problem.system, {}
+    names = system.separating() if problem.goal_is_a_pose else ()
+    if not names:
+        return ""
+    with np.errstate(all="ignore"):  # of a pose where a joint has no direction
+        start, goal = (system.regularity(point) for point in (problem.start_point, problem.goal_point))
+        for name in names:
+            first, last = np.linalg.det(start[name]), np.linalg.det(goal[name])
+            if first * last < 0:  # not where one is no number
+                words = f"det {det(name).letter} is {first:.3g} at the start and {last:.3g} at the goal"
+                sentences[name] = words
+    if any(singular_pose(problem, pose)[0] for pose in (problem.start, problem.goal) if sentences):
+        return ""  # where signs are rounding
+    words = "; ".join(sentences.values())
+    if words and (actuated := system.actuated()) and not set(sentences) & set(actuated[0].separating()):
+        words += ", which eq. (7) cannot cross; `form: original` may"
+    return words
 
 
 def contradiction(problem: PlanningProblem) -> str:

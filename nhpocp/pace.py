@@ -12,6 +12,7 @@ from nhpocp.arrays import Array
 from nhpocp.constraints.bound import Bound
 from nhpocp.foreseen import FORGIVEN, of_the_pose
 from nhpocp.problem import PlanningProblem
+from nhpocp.systems.leg_accelerations import LEG_ACCELERATIONS
 
 ROOM = 1.05  # times the least horizon that a motion needs: between its samples it may be a little faster
 
@@ -85,7 +86,8 @@ def patient_horizon(bounds: list[Bound], trajectory: Mapping[str, Array]) -> str
                 factors = np.where(most > 0, most / np.asarray(limit, dtype=float), 0.0)
             if np.any((most > 0) & (np.asarray(limit) <= 0)):
                 return None
-            factor = max(factor, float(np.max(factors)))
+            power = 2 if bound.quantity == LEG_ACCELERATIONS else 1  # of the pace
+            factor = max(factor, float(np.max(factors)) ** (1 / power))
     return _up(ROOM * factor * float(trajectory["t"][-1])) if np.isfinite(factor) else None
 
 

@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 
 from nhpocp.arrays import Array
+from nhpocp.constraints.leg_acceleration import lacking_derivative
 from nhpocp.deferred import at_hand
 from nhpocp.errors import CallError, InvalidProblemError, describe, suggestion
 from nhpocp.flow.simulation import simulate
-from nhpocp.foreseen import ON_THE_SURFACE, broken_poses, contradiction, endless, singular_goal
+from nhpocp.foreseen import broken_poses, contradiction, endless, other_side, singular_goal
 from nhpocp.interruption import STOPPED, Interruption
 from nhpocp.kept import let_go
 from nhpocp.objectives.registry import OBJECTIVES
@@ -24,7 +25,6 @@ from nhpocp.scales import coarse
 from nhpocp.solution import Progress, Solution, Solver, telling
 from nhpocp.solvers.claimed import unsolved
 from nhpocp.solvers.registry import SOLVERS, made_solver
-from nhpocp.systems.numeric import numeric_system
 from nhpocp.verification import verify
 
 
@@ -40,6 +40,8 @@ def solve(
     solver = chosen_solver(problem, solver)
     if words := OBJECTIVES[problem.objective].lacking_control(problem.basis):
         raise InvalidProblemError(words, path="objective")
+    if words := lacking_derivative(problem.bounds, problem.basis):
+        raise InvalidProblemError(words, path="constraints.leg_acceleration")
     with Interruption() as interruption:
         solution: Solution | None = None
         try:
@@ -105,7 +107,9 @@ def _with_a_cure(solution: Solution, progress: Progress | None) -> Solution:
         return solution
     relaxed = problem.with_(bounds=[bound for bound in problem.bounds if bound not in bounds])
     plan = default_solver(problem).solve(relaxed, telling(progress, way="at another pace"))
-    horizon = patient_horizon(bounds, plan.trajectory) if plan.outcome is Outcome.CONVERGED else None
+    if plan.outcome is not Outcome.CONVERGED or lacking_derivative(bounds, plan.control.basis):
+        return solution
+    horizon = patient_horizon(bounds, simulate(problem, plan.control).trajectory)
     if horizon is None or float(horizon) <= ROOM * problem.horizon.initial:
         return solution
     names = " and ".join(dict.fromkeys(bound.label for bound in bounds))
@@ -187,7 +191,7 @@ def refused(problem: PlanningProblem, solver: Solver) -> Solution | None:
         return _refused(problem, solver, outcome, words)
     sentences = {
         Outcome.INFEASIBLE: contradiction(problem) or _broken_bounds(problem) or _too_far(problem, solver),
-        Outcome.OTHER_COMPONENT: _opposite_signs(problem) if problem.goal_is_a_pose else "",
+        Outcome.OTHER_COMPONENT: other_side(problem),
     }
     for outcome, sentence in sentences.items():
         if sentence:
@@ -217,22 +221,6 @@ def _broken_bounds(problem: PlanningProblem) -> str:
         + report.limit_words()
         for place, report in broken_poses(problem)
     )
-
-
-def _opposite_signs(problem: PlanningProblem) -> str:
-    """Determinants that no path of the machine changes for good, and that differ in sign at the goal."""
-    numeric, system = numeric_system(problem.system), problem.system
-    ends = np.array([problem.start_point, problem.goal_point])
-    determinants = numeric.determinants(ends)
-    sentences = {}
-    for name in system.separating():
-        first, last = determinants[name]
-        if first * last < 0 and numeric.sigmas(ends, problem.scale)[name].min() > ON_THE_SURFACE:
-            sentences[name] = f"det {name.upper()} is {first:.3g} at the start and {last:.3g} at the goal"
-    words = "; ".join(sentences.values())
-    if words and (actuated := system.actuated()) and not set(sentences) & set(actuated[0].separating()):
-        words += ", which eq. (7) cannot cross; `form: original` may"
-    return words
 
 
 def _refused(problem: PlanningProblem, solver: Solver, outcome: Outcome, message: str) -> Solution:

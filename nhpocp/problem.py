@@ -27,6 +27,7 @@ from nhpocp.poses import checked_goal, checked_start, goal_blocks
 from nhpocp.scales import Scales, natural_scales
 from nhpocp.shown import Shown
 from nhpocp.state_space import Block
+from nhpocp.systems.leg_accelerations import LEG_ACCELERATIONS, SPEEDS
 from nhpocp.systems.margins import margin
 from nhpocp.systems.quantities import quantities
 from nhpocp.systems.system import DISTANCE, System
@@ -155,6 +156,7 @@ class PlanningProblem(ByValue, Frozen, Shown):
         expect(self.via, (list, tuple), "a list of via poses", "via")
         for bound in self.bounds:
             expect(bound, Bound, "Bound(label, quantity, lower, upper)", "constraints")
+        self.system = self.system.accelerating(LEG_ACCELERATIONS in {b.quantity for b in self.bounds})
         self.via = [Via.of(via, f"via[{i}]") for i, via in enumerate(self.via)]
 
     def _take_obstacles(self) -> None:
@@ -287,6 +289,9 @@ class PlanningProblem(ByValue, Frozen, Shown):
         inputs = {block.name: block.unit for block in system.input_space.blocks}
         if name in inputs:
             return replace(bound, scale=scales.of(inputs[name]) / scales.time)
+        if name == LEG_ACCELERATIONS:
+            of_speeds = self._measured(replace(bound, quantity=SPEEDS)).scale
+            return replace(bound, scale=of_speeds / scales.time)
         return replace(bound, scale=1.0 if bound.margin else self._size_of_output(name))
 
     def _size_of_output(self, name: str) -> float:

@@ -161,9 +161,9 @@ class Solution(ByValue, Shown):
     def plot(self, *names: str) -> Any:
         """Its pictures, as `nhpocp plot` draws them, in the output of a notebook's cell.
 
-        names: of "controls", "relative_pose", "convergence", "margins", "distances", "robot" and "failure"; none: all
-        that say something. Returns matplotlib's Figure of one name, else a tuple of them; for print, save one with
-        `figure.savefig("robot.pdf")`, or `dpi=300`.
+        names: of "controls", "relative_pose", "convergence", "margins", "distances", "robot", "trees" and "failure";
+        none: all that say something. Returns matplotlib's Figure of one name, else a tuple of them; for print, save one
+        with `figure.savefig("robot.pdf")`, or `dpi=300`.
         Errors: `CallError` for another name.
         """
         return VIEWS["plot"](self, names)

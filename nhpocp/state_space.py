@@ -34,8 +34,8 @@ class Block(Constructed):
     outputs only. name: printable. kind: one of these five. components: numbers of a vector, or in each row of a matrix;
     rows: of a matrix. unit: "length", "angle" [rad], or "". symbol: how formulas call it, LaTeX without $; none: by its
     name. words: how axes call it besides. wraps: angles that jump by 2π where they are cut. of_pose: an output that
-    depends on the state alone, so that it may be a goal. rate: per unit of time; inputs are so by themselves. entries:
-    what its numbers are called in messages, where that is not 1, 2, ….
+    depends on the state alone, so that it may be a goal. rate: the power of time that divides it; inputs are rates
+    by themselves. entries: what its numbers are called in messages, where that is not 1, 2, ….
     Errors: `InvalidProblemError` for an unknown kind or unit, or numbers of components that are none.
     """
 
@@ -48,7 +48,7 @@ class Block(Constructed):
     rows: int = 1  # of a matrix
     wraps: bool = False
     of_pose: bool = False
-    rate: bool = False
+    rate: int = 0
     entries: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:

@@ -62,9 +62,13 @@ class Units(Constructed):
         known = {field.name: getattr(self, field.name) for field in fields(self)}
         return {name: words for name, words in known.items() if words is not None}
 
-    def words(self, unit: Unit, rate: bool = False) -> str:
-        """A unit as axes name it, "m/s" or "length per unit time"; "" for a number that has none."""
+    def words(self, unit: Unit, rate: int = 0) -> str:
+        """A unit as axes name it, "m/s" or "length per unit time"; "" for a number that has none.
+
+        rate: the power of time that divides it.
+        """
         words = {"length": self.length or "length", "angle": "rad", "": ""}[unit]
         if not rate or not words:
             return words
-        return f"{words}/{self.time}" if self.time else f"{words} per unit time"
+        square = {1: "", 2: "²"}[int(rate)]
+        return f"{words}/{self.time}{square}" if self.time else f"{words} per unit time{square}"

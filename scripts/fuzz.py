@@ -31,6 +31,7 @@ from pathlib import Path
 from types import FrameType
 from unittest import mock
 
+from corners import CORNERS
 from spoiling import (
     NUMBERS,
     ODD,
@@ -62,14 +63,9 @@ KEYS = [
 FLAGS = ["--solver", "--set", "--json", "--trace", "-o", "--debugg", "-h", "--", "", "\udcff"]
 OUTPUTS = {"out", "results", "report.html", "comparison.tex", "study.sqlite"}
 OUTPUTS |= {f"study.sqlite-{name}" for name in ("wal", "shm", "journal")}
-STUDY = """\
-nhpocp: 1
-study:
-  name: corners
-  problem:
-    system: {model: unicycle}
-    start: {x: 0, y: 0, theta: 0}
-    goal: {x: 1, y: 1, theta: 0}
+STUDY = (
+    CORNERS
+    + """\
     horizon: {min: 0.5, max: 3, initial: 1}
     solvers: {compile: never, jacobian: {max_iterations: 40}}
     output: {pictures: false, samples: 11}
@@ -78,6 +74,7 @@ study:
     goal.theta: [0, 30 deg]
   solvers: [jacobian]
 """
+)
 RULES = """\
 nhpocp: 1
 study:

@@ -25,6 +25,8 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
+from corners import CORNERS
+
 from nhpocp.objectives.registry import costs_of_motion
 
 ROOT = Path(__file__).parents[1]
@@ -32,14 +34,9 @@ PROGRAM = [sys.executable, "-m", "nhpocp"]
 MARK = "NHPOCP_KILLED_SWEEP"  # by which the processes of a sweep are known
 SAME = 1e-6  # relative: goals are planned in company, whose numbers are equal to rounding
 COMPARED = ("variant", "parameters", "outcome", "converged", "seed", *costs_of_motion(), "solved_control")
-STUDY = """\
-nhpocp: 1
-study:
-  name: corners
-  problem:
-    system: {model: unicycle}
-    start: {x: 0, y: 0, theta: 0}
-    goal: {x: 1, y: 1, theta: 0}
+STUDY = (
+    CORNERS
+    + """\
     solvers: {compile: never, jacobian: {max_iterations: 30}, nlp: {intervals: 10}}
     output: {pictures: false}
   axes:
@@ -48,6 +45,7 @@ study:
     goal.theta: [0, 30 deg]
   solvers: [jacobian, "jacobian:step_rule=euler", nlp]
 """
+)
 
 
 def rows(store: Path) -> list[dict[str, Any]]:

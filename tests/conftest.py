@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import atexit
 import gc
+import io
 import os
 import shutil
 import signal
 import tempfile
 from collections.abc import Iterator, Mapping
 from functools import cache
+from pathlib import Path
 from typing import Any, ClassVar
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # pytest-xdist already uses every core
@@ -20,19 +22,37 @@ os.environ["NHPOCP_COMPILE"] = "never"  # `auto` builds nothing in the backgroun
 
 import numpy as np
 import pytest
-from markupsafe import Markup
+from matplotlib.figure import Figure
+from matplotlib.mathtext import MathTextParser
+from PIL import Image
 
 from nhpocp import interruption, so3
 from nhpocp.arrays import namespace
 from nhpocp.problem import PlanningProblem
+from nhpocp.problem_file import document, load_problem
 from nhpocp.state_space import StateSpace, rotation, scalar
 from nhpocp.systems.system import Parameter, System
 from nhpocp.systems.three_upu import ThreeUPU
 
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # begun in the background of a script
     signal.signal(signal.SIGINT, signal.default_int_handler)
+document.parse = cache(document.parse.__wrapped__)  # the same few texts, thousands of times
 interruption.PATIENCE = 60.0  # the machine may be busy; tests of what nobody looks at set it themselves
 atexit.register(shutil.rmtree, os.environ["NHPOCP_CACHE"], ignore_errors=True)
+
+
+READ_FORMULA, FORMULAS = MathTextParser._parse_cached.__wrapped__, {}
+
+
+def formula(parser: MathTextParser, *given: Any) -> Any:
+    """A formula as matplotlib sets it, which reads it again for every picture."""
+    key = parser._output_type, *given
+    if key not in FORMULAS:
+        FORMULAS[key] = READ_FORMULA(parser, *given)
+    return FORMULAS[key]
+
+
+MathTextParser._parse_cached = formula
 
 
 def pytest_collection_finish() -> None:
@@ -54,6 +74,15 @@ def yaw(angle: float) -> np.ndarray:
 def robot(preset: str) -> ThreeUPU:
     """One robot of each preset for all tests: what is built for it is built once."""
     return ThreeUPU.preset(preset)
+
+
+LIBRARY = sorted(path.stem for path in (Path(__file__).parents[1] / "problems").glob("*.yaml"))
+
+
+@cache
+def library_problem(name: str) -> PlanningProblem:
+    """One object of each problem of the library for all tests, as of `robot`."""
+    return load_problem(Path(__file__).parents[1] / "problems" / f"{name}.yaml")
 
 
 def paper_problem(preset: str = "default", **changes: Any) -> PlanningProblem:
@@ -153,7 +182,30 @@ def axe_violations(page: Any) -> list[str]:
     return [f"{rule['id']}: {rule['help']}: {rule['nodes'][0]['html']}" for rule in found]
 
 
+def _pixel() -> bytes:
+    stream = io.BytesIO()
+    Image.new("RGB", (1, 1)).save(stream, "PNG")
+    return stream.getvalue()
+
+
+BLANK = {"svg": b'<svg viewBox="0 0 1 1"></svg>', "png": _pixel(), "pdf": b"%PDF-1.4\n"}
+
+
 @pytest.fixture
 def undrawn(monkeypatch):
-    """Reports without their curves, for tests of their words; tests/views/test_report.py looks at them drawn."""
-    monkeypatch.setattr("nhpocp.views.report.inline_svg", lambda *_: Markup("<svg></svg>"))
+    draw_nothing(monkeypatch)
+
+
+def draw_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Figures are made and become empty files, for tests of what stands beside them; tests/views draws them."""
+
+    def save(figure: Figure, file: Any, **how: Any) -> None:
+        drawing = BLANK[how.get("format") or Path(file).suffix[1:]]
+        if isinstance(file, io.StringIO):
+            file.write(drawing.decode())
+        elif isinstance(file, io.BytesIO):
+            file.write(drawing)
+        else:
+            Path(file).write_bytes(drawing)
+
+    monkeypatch.setattr(Figure, "savefig", save)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import nhpocp
+from nhpocp import so3
 from nhpocp.constraints.bound import Bound
 from nhpocp.doubts import doubts
 from nhpocp.flow.compiled.kernels import Interpreted
@@ -177,3 +178,14 @@ def test_a_goal_on_a_singular_surface_is_refused_by_name_and_doubted():
     assert "lies on det W = 0" in doubt.message
     beside = goals.paper_task("paper_conjecture", goal={**goal, "orientation": yaw(-1.2)})
     assert singular_goal(beside) == ("", "")
+
+
+def test_a_goal_beyond_a_singular_surface_is_doubted_and_so_is_a_start_on_one():
+    beyond = paper_problem(goal={"position": [0, 0, 30], "orientation": so3.from_rpy([0, 2.1, 0])})
+    said = {str(doubt.path): doubt.message for doubt in doubts(beyond, 1e-3)}
+    assert re.fullmatch(r"det W is \S+ at the start and -\S+ at the goal; no path leads there", said["goal"])
+    flat = paper_problem(start={"position": [0, 0, 0], "orientation": yaw(-np.pi / 6)})
+    said = {str(doubt.path): doubt.message for doubt in doubts(flat, 1e-3)}
+    assert "the machine is singular where it begins" in said["start"]
+    assert "goal" not in said  # of which signs say nothing
+    assert not list(doubts(paper_problem(), 1e-3))

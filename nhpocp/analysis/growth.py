@@ -20,11 +20,11 @@ from typing import Any
 import numpy as np
 from scipy.linalg import qr
 
-from nhpocp.analysis.brackets import LieAlgebra, TooLargeError, Word, factors
 from nhpocp.analysis.minima import golden_section
 from nhpocp.analysis.spectrum import Spectrum
 from nhpocp.arrays import Array
 from nhpocp.singular_values import svd
+from nhpocp.systems.brackets import LieAlgebra, TooLargeError, Word, factors
 from nhpocp.systems.numeric import numeric_system
 from nhpocp.systems.system import System
 

@@ -151,7 +151,12 @@ def in_shape(side: Any, shape: tuple[int, ...]) -> Array:
 
 
 def bound_rows(
-    bound: Bound, system: System, state: Array, control: Array, length_scale: float
+    bound: Bound,
+    system: System,
+    state: Array,
+    control: Array,
+    length_scale: float,
+    control_rate: Array | None = None,
 ) -> list[tuple[str, Any, float, float]]:
     """A bound as scalar expressions: (name, expression, lower, upper) for every component that has a finite side.
 
@@ -168,7 +173,7 @@ def bound_rows(
         return [
             (bound.label, minor, 0.0, np.inf) for minor in _leading_minors(scaled @ scaled.T, clearance**2)
         ]
-    value = quantity(system, bound.quantity, state, control)
+    value = quantity(system, bound.quantity, state, control, control_rate)
     shape = (
         np.shape(value) if isinstance(value, np.ndarray | float) else tuple(s for s in value.shape if s != 1)
     )

@@ -17,6 +17,7 @@ KINDS: Family[ConstraintKind] = Family(
     {
         "leg_length": "nhpocp.constraints.leg_length:LegLength",
         "leg_speed": "nhpocp.constraints.leg_speed:LegSpeed",
+        "leg_acceleration": "nhpocp.constraints.leg_acceleration:LegAcceleration",
         "joint_angle": "nhpocp.constraints.joint_angle:JointAngle",
         "distance": "nhpocp.constraints.distance:Distance",
         "control": "nhpocp.constraints.control:ControlSize",

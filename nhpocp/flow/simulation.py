@@ -16,6 +16,7 @@ from nhpocp.objectives.objective import PathObjective
 from nhpocp.objectives.registry import available, exact_costs
 from nhpocp.problem import PlanningProblem
 from nhpocp.systems.numeric import numeric_system
+from nhpocp.systems.system import System
 
 STEPS_AT_LEAST = 800  # where RK4's error on the paper's path is below 1e-11
 STEPS_PER_PIECE = 100
@@ -64,7 +65,13 @@ def _sampled(problem: PlanningProblem, control: Control, times: Array, path: Arr
     kept = np.linspace(0.0, control.horizon, problem.samples)
     places = np.searchsorted(times, kept - 1e-9 * control.horizon)
     states = path[np.clip(places, 0, len(times) - 1)]
-    return {"t": kept, **numeric_system(problem.system).trajectory(states, control(kept), problem.scale)}
+    numeric, rates = numeric_system(problem.system), rates_of(problem.system, control, kept)
+    return {"t": kept, **numeric.trajectory(states, control(kept), problem.scale, rates)}
+
+
+def rates_of(system: System, control: Control, times: Array) -> Array | None:
+    """du/dt at times (k, m), where anything of a system's trajectories takes it."""
+    return control.derivative(times) if system.accelerated else None
 
 
 def _costs(problem: PlanningProblem, control: Control, times: Array, path: Array) -> dict[str, float]:

@@ -16,7 +16,6 @@ if TYPE_CHECKING:
 
 POINTS = 16  # Gauss-Legendre nodes a piece
 PIECES = 2  # for each period of the fastest function: so many nodes integrate its square to rounding
-JUMP = 1e-9  # of a control of size 1: rounding
 # functions, beyond which the matrix takes longer than a solve, and only who asks for it has it made
 MOST = 400
 
@@ -35,14 +34,9 @@ class ControlRate(ControlObjective):
         return largest * largest / float(scales.time) or 1.0
 
     def lacking_control(self, basis: ControlBasis) -> str:
-        import numpy as np
+        from nhpocp.controls.jumps import may_jump
 
-        from nhpocp.controls.control import Control
-
-        breaks = basis.breakpoints(1.0)
-        control = Control(basis, np.random.default_rng(0).normal(size=(1, basis.size)))
-        jump = np.abs(control(breaks, "left") - control(breaks, "right")).max(initial=0.0)
-        return f"{self.name} asks for a derivative, and {basis.kind} controls jump" if jump > JUMP else ""
+        return f"{self.name} asks for a derivative, and {basis.kind} controls jump" if may_jump(basis) else ""
 
     def of_control(self, control: Control) -> float | None:
         return None if control.basis.size > MOST else super().of_control(control)

@@ -4,11 +4,20 @@ from __future__ import annotations
 
 from nhpocp.arrays import Array
 from nhpocp.errors import InvalidProblemError
+from nhpocp.systems.leg_accelerations import LEG_ACCELERATIONS, leg_accelerations
 from nhpocp.systems.system import System
 
 
-def quantity(system: System, name: str, state: Array, control: Array) -> Array:
-    """A state block, an input or an output by name. Errors: `InvalidProblemError` naming what there is."""
+def quantity(
+    system: System, name: str, state: Array, control: Array, control_rate: Array | None = None
+) -> Array:
+    """A state block, an input or an output by name.
+
+    control_rate: du/dt, for accelerations of the legs, which are for symbols only.
+    Errors: `InvalidProblemError` naming what there is.
+    """
+    if name == LEG_ACCELERATIONS and control_rate is not None:
+        return leg_accelerations(system, state, control, control_rate)
     inputs = system.input_space.unpack(control)
     if name in inputs:
         return inputs[name]

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from pydantic import ValidationError
 
 from nhpocp.bodies.obstacles import Obstacle
+from nhpocp.constraints.leg_acceleration import lacking_derivative
 from nhpocp.constraints.registry import bounds_of
 from nhpocp.controls.control import Control
 from nhpocp.controls.registry import BASES
@@ -78,6 +79,8 @@ def assembled(data: ProblemData, system: System) -> PlanningProblem:
         ),
         None,
     )
+    if problem and (words := lacking_derivative(problem.bounds, basis)):
+        wrong.append(InvalidProblemError(words, path="constraints.leg_acceleration", at_key=True))
     refuse(wrong)
     return problem
 

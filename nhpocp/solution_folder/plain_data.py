@@ -64,7 +64,9 @@ def _floats(value: Any) -> Any:
         return float(value)
     if isinstance(value, Mapping):
         return {key: _floats(item) for key, item in value.items()}
-    return [_floats(item) for item in value] if isinstance(value, list) else value
+    if isinstance(value, list):  # of floats, mostly
+        return [item if type(item) is float else _floats(item) for item in value]
+    return value
 
 
 def as_text(data: Mapping[str, Any]) -> str:

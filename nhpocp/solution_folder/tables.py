@@ -21,7 +21,8 @@ LAST = ("accepted",)
 def write_trajectory(solution: Solution, file: Path) -> None:
     """A row per sample: time, then every number of every quantity, then what follows from them."""
     every = columns(solution)
-    _write(file, [column.name for column in every], np.column_stack([column.values for column in every]))
+    table = np.column_stack([column.values for column in every])
+    _write(file, [column.name for column in every], table.tolist())
 
 
 def write_columns(solution: Solution, file: Path) -> None:

@@ -23,7 +23,7 @@ DATA = (
     "arrays.npz",
     "solver.log",
 )
-PICTURES = ("controls", "relative_pose", "convergence", "margins", "distances", "robot", "failure")
+PICTURES = ("controls", "relative_pose", "convergence", "margins", "distances", "robot", "trees", "failure")
 KINDS = ("png", "svg", "pdf")  # of picture files
 ANIMATIONS = ("animation.html", "animation.gif", "animation.mp4")
 MOTIONS = tuple(each.file_name for each in (FORMATS | MACHINES).values())  # of `nhpocp export`

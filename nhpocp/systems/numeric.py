@@ -13,6 +13,7 @@ from nhpocp.arrays import Array
 from nhpocp.calls import call, mapped
 from nhpocp.kept import kept
 from nhpocp.singular_values import svd
+from nhpocp.systems.leg_accelerations import LEG_ACCELERATIONS, acceleration_blocks, leg_accelerations
 from nhpocp.systems.margins import det, sigma
 from nhpocp.systems.system import System
 
@@ -79,6 +80,24 @@ class NumericSystem:
         """The system's outputs at samples: states (k, n), controls (k, m) → (k, …) each."""
         return _evaluate(*self._outputs, states, controls)
 
+    @cached_property
+    def _accelerations(self) -> ca.Function:
+        """(x, u, u̇) ↦ accelerations of the legs."""
+        rate = ca.SX.sym("u_rate", self.system.input_space.size)
+        value = ca.SX(leg_accelerations(self.system, self._state, self._control, rate))
+        return ca.Function("accelerations", [self._state, self._control, rate], [ca.densify(value)])
+
+    def accelerations(self, states: Array, controls: Array, control_rates: Array | None) -> dict[str, Array]:
+        """Of the legs at samples (k, legs), by name; none of systems that were not asked for them.
+
+        control_rates: du/dt (k, m); None: of a control that stays as it is.
+        """
+        if not (self.system.accelerated and acceleration_blocks(self.system)):
+            return {}
+        rates = np.zeros_like(controls) if control_rates is None else control_rates
+        (values,) = call(mapped(self._accelerations, len(states)), states, controls, rates)
+        return {LEG_ACCELERATIONS: values.reshape(len(states), -1)}
+
     def regularity(self, states: Array) -> dict[str, Array]:
         """The regularity matrices at samples: (k, n) → (k, r, r) each."""
         return _evaluate(*self._regularity, states, np.zeros((len(states), self.system.input_space.size)))
@@ -137,12 +156,18 @@ class NumericSystem:
         named = {sigma(name).name: values for name, values in sigmas.items()}
         return named | {det(name).name: _determinant(matrices) for name, matrices in regularity.items()}
 
-    def trajectory(self, states: Array, controls: Array, length_scale: float) -> dict[str, Array]:
-        """Everything worth knowing at samples: state blocks, inputs, outputs, margins; (k, …) arrays by name."""
+    def trajectory(
+        self, states: Array, controls: Array, length_scale: float, control_rates: Array | None = None
+    ) -> dict[str, Array]:
+        """Everything worth knowing at samples: state blocks, inputs, outputs, margins; (k, …) arrays by name.
+
+        control_rates: du/dt, as for `accelerations`.
+        """
         return {
             **self.system.state_space.split(states),
             **self.system.input_space.split(controls),
             **self.outputs(states, controls),
+            **self.accelerations(states, controls, control_rates),
             **self.margins(states, length_scale),
         }
 

@@ -16,6 +16,7 @@ from nhpocp.kept import Kept
 from nhpocp.plain_text import as_call
 from nhpocp.shown import Shown
 from nhpocp.state_space import Block, StateSpace, check_distinct, scalar, vector
+from nhpocp.systems.leg_accelerations import LEG_ACCELERATIONS, acceleration_blocks
 from nhpocp.systems.margins import margin
 from nhpocp.systems.parameter import Parameter as Parameter
 
@@ -29,7 +30,7 @@ DISTANCE = "distance"  # of a system's bodies, among the quantities of a traject
 _COLLECTED = SignatureParameter.VAR_POSITIONAL, SignatureParameter.VAR_KEYWORD
 
 # names that stand for something else in a trajectory, or in the archive that holds its arrays
-RESERVED = ("t", "file", "allow_pickle", DISTANCE)
+RESERVED = ("t", "file", "allow_pickle", DISTANCE, LEG_ACCELERATIONS)
 
 
 def check_names(parts: Sequence[tuple[str, Block]]) -> None:
@@ -78,6 +79,7 @@ class System(Frozen, Shown):
     surroundings: Surroundings | None = None  # set by `among`
     rest: tuple[float, ...] | None = None  # set by `resting`
     rest_blocks: Sequence[Block] = ()  # what `from_rest` gives
+    accelerated: bool = False  # set by `accelerating`
 
     def __init_subclass__(cls, **more: Any) -> None:
         super().__init_subclass__(**more)
@@ -139,7 +141,7 @@ class System(Frozen, Shown):
                     "an attribute of that name"
                 )
             values[name] = vars(self)[name]
-        made = type(self)(**values).resting(self.rest)
+        made = type(self)(**values).resting(self.rest).accelerating(self.accelerated)
         return made.among(self.surroundings.obstacles) if self.surroundings is not None else made
 
     def __repr__(self) -> str:
@@ -205,7 +207,8 @@ class System(Frozen, Shown):
         """What equals that of another system with the same equations: the class, its parameters and spaces."""
         parameters = sorted(self.parameters().items())
         obstacles = self.surroundings and self.surroundings.obstacles
-        return type(self), as_value(parameters), self.state_space, self.input_space, obstacles, self.rest
+        besides = obstacles, self.rest, self.accelerated
+        return type(self), as_value(parameters), self.state_space, self.input_space, *besides
 
     @property
     def pose_outputs(self) -> tuple[Block, ...]:
@@ -246,6 +249,10 @@ class System(Frozen, Shown):
     def resting(self, state: Array | None) -> Self:
         """This system with what it counts from a pose at rest, packed, among its quantities; None: without."""
         return self._known_besides(rest=None if state is None else tuple(float(number) for number in state))
+
+    def accelerating(self, asked: bool = True) -> Self:
+        """This system with the accelerations of its legs in its trajectories, or without."""
+        return self if asked == self.accelerated else self._known_besides(accelerated=asked)
 
     def _known_besides(self, **besides: Any) -> Self:
         kept = {name: value for name, value in self.__dict__.items() if not isinstance(value, Kept)}
@@ -291,8 +298,10 @@ class System(Frozen, Shown):
 
     @property
     def quantity_blocks(self) -> tuple[Block, ...]:
-        """Blocks of `quantities`, as far as they are known without making expressions."""
+        """Blocks of `quantities`, as far as they are known without making expressions, and of accelerations."""
         own = (*(self.output_blocks or ()), *(self.rest_blocks if self.rest is not None else ()))
+        if self.accelerated:
+            own += acceleration_blocks(self)
         if self.surroundings is None:
             return own
         names = tuple(", ".join(pair) for pair in self.surroundings.pairs)

@@ -13,10 +13,12 @@ from nhpocp.arrays import Array
 from nhpocp.constraints.bound import RELATIVE, Bound, BoundReport, check_bounds
 from nhpocp.solution import Crossing, Replay, Solution, Verdict
 from nhpocp.state_space import Block
+from nhpocp.systems.leg_accelerations import LEG_ACCELERATIONS, SPEEDS
 from nhpocp.systems.margins import sigma
 from nhpocp.systems.numeric import NumericSystem
 from nhpocp.systems.system import DISTANCE, System
 from nhpocp.verification import geometry
+from nhpocp.verification.accelerations import second_differences
 from nhpocp.verification.crossings import find_crossings
 from nhpocp.verification.distances import Distances, measured_by
 from nhpocp.verification.replay import (
@@ -35,6 +37,7 @@ QUANTITY_TOLERANCE = 1e-4  # of a quantity's largest magnitude on the path; of o
 NUDGE = 1e-9  # relative change of the state; what that does to a quantity is never held against it
 # relative: a sequence's durations add up to rounding, and optimizers may relax a bound by 1e-8
 SAME_TIME = 1e-6
+JUMP = 1e-6  # of the largest leg speed: what two pieces that are meant to meet may differ by
 PATH_TOLERANCE = 1e-5  # fraction of the mechanism's length by which a stored trajectory may be off
 
 
@@ -87,7 +90,10 @@ class Check:
     @cached_property
     def trajectory(self) -> dict[str, Array]:
         """The replay's blocks, inputs, outputs and margins at the samples."""
-        return self.numeric.trajectory(self.samples.states, self.samples.controls, self.problem.scale)
+        samples = self.samples
+        return self.numeric.trajectory(
+            samples.states, samples.controls, self.problem.scale, samples.control_rates
+        )
 
     def pose_error(self, point: Array, goal: Mapping[str, Any]) -> float:
         """E over the blocks and outputs that ``goal`` fixes. [Paper] section 4"""
@@ -268,10 +274,10 @@ class Check:
 
     def _compare_quantities(self, times: Array, states: Array, seen: Array) -> None:
         """Stored controls, outputs and margins against those of the replay."""
-        controls = self.control(times)
-        expected = self.numeric.trajectory(states, controls, self.problem.scale)
+        controls, rates = self.control(times), self.control.derivative(times)
+        expected = self.numeric.trajectory(states, controls, self.problem.scale, rates)
         # one that is zero up to rounding has no scale of its own, and one at a pole has no digits
-        nudged = self.numeric.trajectory(states * (1 + NUDGE), controls, self.problem.scale)
+        nudged = self.numeric.trajectory(states * (1 + NUDGE), controls, self.problem.scale, rates)
         blocks = {block.name: block for _, block in self.problem.quantities}
         for name, values in expected.items():
             if name in self.space.names or name not in self.solution.trajectory:
@@ -333,21 +339,38 @@ class Check:
         batch = {DISTANCE: values[:, 0] if shape == (1,) else values}
         return check_bounds([bound], times, batch, RELATIVE)[0]
 
+    def _accelerations(self) -> dict[str, Array]:
+        """Of the legs, by differences of their replayed lengths; infinite where their speeds jump."""
+        if not self.system.accelerated:
+            return {}
+        times, speeds = self.samples.times, self.trajectory[SPEEDS]
+        values = second_differences(self.system, self.path, times, self.control)
+        jumped = np.diff(speeds, axis=0) * (np.diff(times) == 0)[:, None]
+        jumped[np.abs(jumped) <= JUMP * _largest(speeds)] = 0.0
+        for side in (values[:-1], values[1:]):
+            side[jumped != 0] = np.copysign(np.inf, jumped[jumped != 0])
+        return {LEG_ACCELERATIONS: values}
+
     def bounds(self) -> list[BoundReport]:
         """Every stated constraint on the fine grid."""
         if not self.problem.bounds:
             return []
         others = [bound for bound in self.problem.bounds if bound not in self._apart]
-        found = dict(zip(others, check_bounds(others, self.samples.times, self.trajectory), strict=True))
+        trajectory = {**self.trajectory, **self._accelerations()}
+        found = dict(zip(others, check_bounds(others, self.samples.times, trajectory), strict=True))
         found |= {bound: self._measured(bound) for bound in self._apart}
         reports = [found[bound] for bound in self.problem.bounds]
-        self.reasons.extend(
-            f"{report.describe()} by {report.bound.figure(report.worst, '.3g')}, more than the "
-            f"{report.bound.figure(report.allowed, '.3g')} allowed"
-            for report in reports
-            if not report.ok
-        )
+        self.reasons.extend(_broken_words(report) for report in reports if not report.ok)
         return reports
+
+
+def _broken_words(report: BoundReport) -> str:
+    if report.bound.quantity == LEG_ACCELERATIONS and np.isinf(report.value):
+        return f"the legs' speeds jump at t={report.time:.4g}, where {report.name} is infinite"
+    return (
+        f"{report.describe()} by {report.bound.figure(report.worst, '.3g')}, more than the "
+        f"{report.bound.figure(report.allowed, '.3g')} allowed"
+    )
 
 
 def _gram(rotations: Array) -> Array:

@@ -19,7 +19,8 @@ from nhpocp.calls import side_by_side
 from nhpocp.controls.control import Control
 from nhpocp.systems.numeric import NumericSystem
 from nhpocp.systems.system import System
-from nhpocp.verification.replay import FastFunction, Path, integrate, replay
+from nhpocp.verification.fast_function import FastFunction
+from nhpocp.verification.replay import Path, integrate, replay
 
 MOST = 64  # paths at once
 

@@ -21,6 +21,7 @@ from nhpocp.systems.numeric import NumericSystem
 OFFSETS = np.array([-2.0, -1.0, 0.0, 1.0, 2.0])
 FIRST_DERIVATIVE = np.array([1.0, -8.0, 0.0, 8.0, -1.0]) / 12.0
 STEP = 3e-4  # radians, or fractions of the shortest leg, that the mechanism moves per step
+NEAREST = 1e-4  # of the sine of a leg's angle from its w4, by which the step is shorter
 FLOOR = 1e-4  # fraction of the whole motion under which a leg counts as at rest: 0/0 has no meaning there
 
 
@@ -89,10 +90,11 @@ def residuals(numeric: NumericSystem, states: Array, controls: Array) -> tuple[A
     shortest = np.min([leg_frames(leg, p, rotation)[0] for leg in legs if leg.length != 0], axis=0)
     size = np.linalg.norm(spin, axis=1) + np.linalg.norm(speed, axis=1) / shortest  # [1/time]
     safe = np.where(size > 0, size, 1.0)
-    shifts = OFFSETS[:, None] * (STEP / safe)  # [time], offsets × samples
+    step = STEP * _apart(legs, p, rotation) / safe  # [time]
+    shifts = OFFSETS[:, None] * step  # offsets × samples
     turns = Rotation.from_rotvec((shifts[..., None] * spin).reshape(-1, 3)).as_matrix()
     turned = turns.reshape(*shifts.shape, 3, 3) @ rotation
-    motion = _Motion(p + shifts[..., None] * speed, turned, STEP / safe)
+    motion = _Motion(p + shifts[..., None] * speed, turned, step)
 
     rolling = np.zeros(len(states))
     driven: list[Array] = []
@@ -111,6 +113,17 @@ def residuals(numeric: NumericSystem, states: Array, controls: Array) -> tuple[A
     u = controls if "u" in system.input_space.names else numeric.outputs(states, controls)["u"]
     off = np.linalg.norm(np.column_stack([np.stack(driven, axis=1) - u, *held]), axis=1)
     return rolling, off / np.maximum(np.linalg.norm(u, axis=1), FLOOR * safe * shortest)
+
+
+def _apart(legs: Any, positions: Array, rotations: Array) -> Array:
+    """The least sine (k,) of the angle between a leg and its w4, beside which w3 = g × w4 turns as much faster."""
+    least = np.ones(len(positions))
+    for leg in legs:
+        if leg.w4 is not None and leg.length != 0:
+            reach = positions + rotations @ np.asarray(leg.platform) - np.asarray(leg.base)
+            across = np.linalg.norm(np.cross(reach, rotations @ np.asarray(leg.w4)), axis=-1)
+            least = np.minimum(least, across / np.linalg.norm(reach, axis=-1) / np.linalg.norm(leg.w4))
+    return np.maximum(least, NEAREST)
 
 
 def _angular_velocity(rate: Array, frame: Array) -> Array:

@@ -23,6 +23,7 @@ from nhpocp.controls.control import Control
 from nhpocp.state_space import StateSpace
 from nhpocp.systems.numeric import NumericSystem
 from nhpocp.systems.system import System
+from nhpocp.verification.fast_function import FastFunction
 from nhpocp.verification.pieces import Inputs, Pieces, Steps, Strides, in_pieces
 
 RTOL = ATOL = 1e-12  # the latter in units of the state's scales
@@ -48,27 +49,6 @@ class Looking(Protocol):
     def look(self, dense: Any, low: float, high: float) -> tuple[float, str | None]: ...
 
 
-class FastFunction:
-    """A CasADi Function of vectors with one dense result, called without the wrapper's conversions."""
-
-    def __init__(self, function: ca.Function) -> None:
-        self._function = function  # the buffer refers to it
-        buffer: Any
-        buffer, self._run = function.buffer()
-        self._buffer = buffer  # CasADi's type stubs miss the memoryview overloads
-        self._arguments = [np.zeros(function.numel_in(i)) for i in range(function.n_in())]
-        self._result = np.zeros(function.numel_out(0))
-        for i, argument in enumerate(self._arguments):
-            self._buffer.set_arg(i, argument.data)
-        self._buffer.set_res(0, self._result.data)
-
-    def __call__(self, *arguments: Array) -> Array:
-        for slot, argument in zip(self._arguments, arguments, strict=True):
-            slot[:] = argument
-        self._run()
-        return self._result.copy()
-
-
 @dataclass(frozen=True)
 class Path:
     """x(t) on [0, reached]; ``stopped`` says why the rest is missing, None where nothing is."""
@@ -92,7 +72,7 @@ class Path:
 
     def at(self, time: float) -> Array:
         """The state (n,) at one time, without the cost of arrays of times."""
-        return self.start if self._steps is None else self._steps(np.asarray(time))
+        return self.start if self._steps is None else self._steps.at(time)
 
     def parts(self, many: int) -> list[Path]:
         """The paths of so many equal parts of the state, one after another."""
@@ -123,6 +103,7 @@ class Samples:
     times: Array
     states: Array
     controls: Array
+    control_rates: Array
 
 
 class Watch:
@@ -280,8 +261,10 @@ def sample(path: Path, control: Control, count: int) -> Samples:
     left = np.append(inside, path.reached)
     together = np.concatenate([left, right])
     order = np.argsort(together, kind="stable")  # at a breakpoint, from the left first
-    controls = np.concatenate([control(left, "left"), control(right)])
-    return Samples(together[order], path(together[order]), controls[order])
+    controls, rates = (
+        np.concatenate([of(left, "left"), of(right, "right")])[order] for of in (control, control.derivative)
+    )
+    return Samples(together[order], path(together[order]), controls, rates)
 
 
 def weighted_difference(space: StateSpace, points: Array, origins: Array, error_length: float) -> Array:

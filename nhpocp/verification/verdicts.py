@@ -11,7 +11,8 @@ from nhpocp.solution import Solution, Verdict
 from nhpocp.systems.numeric import NumericSystem
 from nhpocp.verification.checks import Check
 from nhpocp.verification.company import originals, replays
-from nhpocp.verification.replay import FastFunction, Path, Watch, integrate
+from nhpocp.verification.fast_function import FastFunction
+from nhpocp.verification.replay import Path, Watch, integrate
 
 
 def verify(solution: Solution) -> Verdict:

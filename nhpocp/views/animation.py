@@ -26,6 +26,7 @@ from nhpocp.views.finite_path import path_of
 from nhpocp.views.labels import markup
 from nhpocp.views.page import filled
 from nhpocp.views.panels import crossing_words, panels
+from nhpocp.views.routes import ROUTE, route_places
 from nhpocp.views.scene import drawn, scene
 from nhpocp.whole import write_text
 
@@ -147,7 +148,7 @@ def _words(solution: Solution) -> Markup:
 
 
 def legend(solution: Solution) -> list[tuple[str, str]]:
-    """Words (HTML) and colours of the legs and of the kinds of lines that the scene shows."""
+    """Words (HTML) and colours of the legs, of the kinds of lines that the scene shows, and of the route."""
     shown = drawn(solution.problem.system, solution.problem.start_point)
     gone = {name for solid in shown.get("solids", {}).values() for name in solid.get("replaces", ())}
     lines = {
@@ -156,6 +157,7 @@ def legend(solution: Solution) -> list[tuple[str, str]]:
         if not {name, drawing.split_name(name)[0]} & gone or drawing.is_closed(np.asarray(line))
     }
     entries = drawing.legend_entries({**shown, "lines": lines})
+    entries += [("route", ROUTE)] if route_places(solution) is not None else []
     return [(str(markup(words)), look["color"]) for words, look in entries]
 
 

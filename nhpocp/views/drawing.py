@@ -67,16 +67,20 @@ def goal_pose(problem: PlanningProblem) -> Pose | None:
 def path_points(solution: Solution, path: FinitePath) -> Array:
     """Where the moving body goes, (samples, 3 or 2): the drawing's trace, else the state's first vector of lengths."""
     system = solution.problem.system
-    first = system.drawing(solution.problem.start_point)
-    numbers = dimension(first)
     if not path.samples:
-        return np.empty((0, numbers))
+        return np.empty((0, dimension(system.drawing(solution.problem.start_point))))
+    return places_of(system, states_of(solution, path))
+
+
+def places_of(system: System, states: Array) -> Array:
+    """Where the moving body is in packed states, as `path_points`; at least one state."""
+    first = system.drawing(states[0])
+    numbers = dimension(first)
     if "trace" in first:
-        states = states_of(solution, path)
         return np.array([system.drawing(state)["trace"] for state in states], dtype=float)
     for block in system.state_space.blocks:
         if block.kind == "vector" and block.unit == "length" and block.components in (2, 3):
-            values = quantity(solution, block.name, path)
+            values = system.state_space.split(states)[block.name]
             return np.pad(values, ((0, 0), (0, max(0, numbers - values.shape[1]))))
     return np.empty((0, numbers))
 

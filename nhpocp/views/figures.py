@@ -21,7 +21,7 @@ from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Solution
 from nhpocp.systems.system import DISTANCE, System
 from nhpocp.units import Units
-from nhpocp.views import drawing, obstacles, plots
+from nhpocp.views import drawing, obstacles, plots, routes
 from nhpocp.views import failure as failures
 from nhpocp.views.drawing import Pose
 from nhpocp.views.finite_path import path_of, quantity
@@ -57,10 +57,14 @@ def _only_words(words: str, room: Room) -> Figure:
 
 @styled
 def controls(solution: Solution, room: Room = OWN_SIZE) -> Figure:
-    """Controls and leg lengths, or the state's own numbers where there are no legs. [Paper] Fig. 2."""
+    """Controls and leg lengths, or the state's own numbers where there are no legs. [Paper] Fig. 2.
+
+    Speeds and accelerations of the legs where they are bounded.
+    """
     every = panels(solution)
-    states = of_group(every, "state")
-    shown = of_group(every, "leg")[:1] or ([merged(states)] if states else [])
+    states, legs = of_group(every, "state"), of_group(every, "leg")
+    bounded = [panel for panel in legs[1:] if any(curve.limits for curve in panel.curves)]
+    shown = [*legs[:1], *bounded] or ([merged(states)] if states else [])
     return _over_time(solution, [*of_group(every, "control"), *shown], room)
 
 
@@ -120,9 +124,11 @@ def robot(solution: Solution, room: Room = OWN_SIZE) -> Figure:
         return _bare_path(solution, room)
     path, problem = path_of(solution), solution.problem
     points, goal = drawing.path_points(solution, path), drawing.goal_pose(problem)
-    figure = mechanism(problem.system, poses, goal, points, problem.units, room)
+    along = routes.route_places(solution)
+    figure = mechanism(problem.system, poses, goal, points, problem.units, room, along)
     entries = drawing.legend_entries(poses[0].drawing)
     entries += [("path", {"color": COLOURS[6], "linewidth": 1.1})] if len(points) else []
+    entries += [("route", routes.ROUTE)] if along is not None else []
     entries += [("goal", {"color": "0.45", "linewidth": 0.7, "linestyle": (0, (4, 2))})] if goal else []
     handles = [Line2D([], [], label=words, **style) for words, style in entries]
     columns = len(handles) if _columns(len(poses), room) == len(poses) else 4
@@ -138,10 +144,15 @@ def mechanism(
     points: Array,
     units: Units = UNNAMED,
     room: Room = OWN_SIZE,
+    route: Array | None = None,
 ) -> Figure:
-    """Poses of a mechanism side by side, with the dashed goal and the path (samples, 3 or 2) where there are any."""
+    """Poses of a mechanism side by side, with the dashed goal and the path (samples, 3 or 2) where there are any.
+
+    route: that the path follows, of as many numbers.
+    """
     shown = [pose.drawing for pose in poses] + ([goal.drawing] if goal else [])
-    low, high = obstacles.widened(system, *drawing.extent(*shown, points=points))
+    every = points if route is None else np.concatenate([points, route])
+    low, high = obstacles.widened(system, *drawing.extent(*shown, points=every))
     names = drawing.axis_names(system, len(low), units)
     figure, boxes = _views(len(poses), room)
     for pose, (left, bottom, width, height) in zip(poses, boxes, strict=True):
@@ -153,6 +164,8 @@ def mechanism(
         if goal:
             drawing.plot_robot(axes, goal.drawing, ghost=True)
         drawing.plot_robot(axes, pose.drawing)
+        if route is not None:
+            axes.plot(*route.T, **routes.ROUTE)
         drawing.plot_path(axes, points)
         figure.text(left + width / 2, bottom + 0.95 * height, pose.words, ha="center", va="center")
     return figure
@@ -216,6 +229,14 @@ def _bare_path(solution: Solution, room: Room = OWN_SIZE) -> Figure:
 
 
 @styled
+def trees(solution: Solution, room: Room = OWN_SIZE) -> Figure:
+    """The poses to which a search for a route came from start and goal, where it found none."""
+    if not routes.has_trees(solution):
+        return _only_words("No search for a route ended without one here.", room)
+    return routes.trees(solution, room)
+
+
+@styled
 def failure(solution: Solution, room: Room = OWN_SIZE) -> Figure:
     """Why a solve failed: error and margins by evaluation, and where the last path is in trouble."""
     return failures.failure(solution, room)
@@ -228,6 +249,7 @@ FIGURES: dict[str, Callable[..., Figure]] = {
     "margins": margins,
     "distances": distances,
     "robot": robot,
+    "trees": trees,
     "failure": failure,
 }
 
@@ -239,6 +261,8 @@ def names_of(solution: Solution) -> list[str]:
         silent.add("margins")
     if DISTANCE not in solution.trajectory:
         silent.add("distances")
+    if not routes.has_trees(solution):
+        silent.add("trees")
     return [name for name in FIGURES if name not in silent]
 
 

@@ -9,11 +9,12 @@ from typing import NamedTuple
 from markupsafe import Markup, escape
 
 from nhpocp.state_space import scalar
+from nhpocp.systems.leg_accelerations import LEG_ACCELERATIONS
 from nhpocp.systems.margins import margin, sigma
 from nhpocp.systems.system import System
 from nhpocp.units import Units
 
-LEGS = ("leg_lengths", "u")  # the quantities of legs
+LEGS = ("leg_lengths", "u", LEG_ACCELERATIONS)  # the quantities of legs
 UNNAMED = Units()
 _GREEK = dict(
     zip(

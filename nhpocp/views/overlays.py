@@ -15,12 +15,12 @@ from matplotlib.lines import Line2D
 from nhpocp.comparison import Entry
 from nhpocp.solution import Solution
 from nhpocp.systems.system import DISTANCE
-from nhpocp.views import drawing, obstacles, plots
+from nhpocp.views import drawing, obstacles, plots, routes
 from nhpocp.views.finite_path import FinitePath, path_of, quantity
 from nhpocp.views.labels import axis_label
 from nhpocp.views.panels import Panel, merged, of_group, panels
 from nhpocp.views.records import column, decays, error_history, positive
-from nhpocp.views.style import Picture, axes_grid, line_style, sheet
+from nhpocp.views.style import Picture, Room, axes_grid, line_style, sheet
 
 WIDTH, HEIGHT = 7.2, 1.75  # inches: a page's text, and a row of panels
 FLAT = 1e-9  # height over width, from which a path in space is shown from above
@@ -73,6 +73,7 @@ def overlays(
         "legs": lambda: over_time("legs", "Legs", LEGS, "leg", 0),
         "relative_pose": lambda: over_time("relative_pose", "Relative pose", relative, "error"),
         "path": lambda: _path(motions) or _plain_path(motions),
+        "trees": lambda: _trees(motions),
         "distances": lambda: _distances(motions),
         "margins": lambda: over_time("margins", "Singularity margins", MARGINS, "margin", 2),
         "convergence": lambda: _convergence(motions),
@@ -157,6 +158,7 @@ def _path(motions: Sequence[_Motion]) -> Overlay | None:
         return None
     pose, goal = drawing.poses_of(first)[0], drawing.goal_pose(first.problem)
     every = np.concatenate(paths)
+    followed = [along for motion in motions if (along := routes.route_places(motion.solution)) is not None]
     system = first.problem.system
     names = drawing.axis_names(system, every.shape[1], first.problem.units)
     figure = Picture(figsize=(WIDTH, 3.6))
@@ -178,13 +180,16 @@ def _path(motions: Sequence[_Motion]) -> Overlay | None:
             _mechanism(axes, shown.drawing)
         for points, motion in zip(paths, motions, strict=True):
             drawing.plot_path(axes, points, **motion.look)
+        for along in followed:
+            axes.plot(*along.T[: len(names)], **routes.ROUTE)
         if not shown and len(names) == 3:
             axes.zaxis.labelpad = 0  # the narrow box leaves its numbers no room
             axes.tick_params(axis="z", pad=3)
         figure.text((i + 0.5) / count, 0.9, words, ha="center", va="center")
     _legend(figure, motions, "upper left")
     scale = "" if system.plotted else ", at the same scale on all axes"
-    caption = Markup("The path of the moving body, from the open to the full dot{}.").format(scale)
+    route = " Pale: the route of poses that a plan follows by manoeuvres." if followed else ""
+    caption = Markup("The path of the moving body, from the open to the full dot{}.{}").format(scale, route)
     return Overlay("path", "Path in space", caption, figure)
 
 
@@ -217,6 +222,19 @@ def _mechanism(axes: Any, shown: Any) -> None:
             axes.plot(*points.T, color="0.55", linewidth=0.9, zorder=5)
 
 
+def _trees(motions: Sequence[_Motion]) -> Overlay | None:
+    """Of the first run that has them the trees of a search for a route without one."""
+    searched = next((motion for motion in motions if routes.has_trees(motion.solution)), None)
+    if searched is None:
+        return None
+    figure = routes.trees(searched.solution, Room(WIDTH))
+    caption = Markup(
+        "Poses to which the search for a route came from start and goal, of {}: where the moving body is, and how "
+        "far each is from the goal."
+    ).format(searched.name)
+    return Overlay("trees", "Search for a route", caption, figure)
+
+
 def _distances(motions: Sequence[_Motion]) -> Overlay | None:
     """The nearest of all pairs of bodies, of every run."""
     near = [motion for motion in motions if DISTANCE in motion.solution.trajectory]
@@ -228,7 +246,7 @@ def _distances(motions: Sequence[_Motion]) -> Overlay | None:
         axes.plot(motion.path.times, values.min(axis=1), label=motion.name, **motion.look)
     plots.zero_line(axes)
     bounds = [bound for bound in near[0].solution.problem.bounds if bound.quantity == DISTANCE]
-    plots.draw_limits(axes, {float(np.min(bound.lower)) for bound in bounds})
+    plots.draw_limits(axes, {float(np.min(bound.lower)) for bound in bounds}, wherever=True)
     last, first = max(motion.path.horizon for motion in near), near[0]
     plots.time_axis(axes, last, last, first.path.time_unit)
     axes.set_ylabel(axis_label("least distance", "$d$", first.solution.problem.units.words("length")))

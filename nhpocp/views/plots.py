@@ -29,7 +29,8 @@ def draw(axes: Any, panel: Panel, path: FinitePath) -> None:
         zero_line(axes)
     if panel.margin:
         margin_axis(axes, [curve.values for curve in panel.curves])
-    draw_limits(axes, {limit for curve in panel.curves for limit in curve.limits})
+    limits = {limit for curve in panel.curves for limit in curve.limits}
+    draw_limits(axes, limits, wherever=panel.group == "distance")
     time_axis(axes, path.end, path.horizon, path.time_unit)
     axes.set_ylabel(panel.label)
     legend_above(axes)
@@ -62,12 +63,12 @@ def margin_axis(axes: Any, values: Iterable[Array]) -> None:
         axes.set_ylim(0, 1.08 * np.max(seen, initial=0.0, where=np.isfinite(seen)) or 1.0)
 
 
-def draw_limits(axes: Any, limits: Iterable[float]) -> None:
-    """Stated limits, where they are near enough to the curves to be worth the room."""
+def draw_limits(axes: Any, limits: Iterable[float], wherever: bool = False) -> None:
+    """Stated limits, where they are near enough to the curves to be worth the room, or ``wherever`` they are."""
     low, high = axes.get_ylim()
     room = 0.5 * (high - low)
     for limit in sorted(limits):
-        if low - room < limit < high + room:
+        if wherever or low - room < limit < high + room:
             axes.axhline(limit, **LIMIT)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from nhpocp.arrays import Array
 from nhpocp.solution import Solution
 from nhpocp.systems.system import System
-from nhpocp.views import drawing, obstacles
+from nhpocp.views import drawing, obstacles, routes
 from nhpocp.views.drawing import (
     DARK,
     FILLS,
@@ -93,7 +93,7 @@ def composed(
     parts += _faint(planned) if planned else []
     around = _box([*frames, *(planned or []), *ends.values()], trace)
     low, high = obstacles.widened(system, *around)
-    parts = [*obstacles.parts(system, low, high), *parts]
+    parts = [*obstacles.parts(system, low, high), *parts, *_route(solution)]
     grain = DIGITS - int(np.floor(np.log10(max(float((high - low).max()), 1e-9))))
     for part in parts:
         values, exact = part.pop("values"), part.pop("exact", False)
@@ -184,6 +184,22 @@ def _faint(frames: list[Mapping[str, Any]]) -> list[Part]:
             look = {"name": f"planned {name}", "kind": "line", "colour": PLANNED, "width": width}
             parts.append({**look, "values": values})
     return parts
+
+
+def _route(solution: Solution) -> list[Part]:
+    """The route that a plan follows, which stands still."""
+    places = routes.route_places(solution)
+    if places is None:
+        return []
+    return [
+        {
+            "name": "route",
+            "kind": "line",
+            "colour": routes.ROUTE["color"],
+            "width": 1.6,
+            "values": places[None],
+        }
+    ]
 
 
 def _rod(frames: list[Mapping[str, Any]], name: str) -> Part:

@@ -20,6 +20,7 @@ SAME = [
     ("leg_length", {"min": 20}, [20, None]),
     ("leg_length", {"min": 20, "max": 60}, [20, 60]),
     ("leg_speed", {"max": 200}, 200),
+    ("leg_acceleration", {"max": 900}, 900),
     ("clearance", {"min": 0.05}, 0.05),
     ("control", {"max": 10}, 10),
     ("control", [{"max": 3}, {"min": -2}, [-1, 1]], [[None, 3], [-2, None], [-1, 1]]),

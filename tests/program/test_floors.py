@@ -5,6 +5,7 @@ import importlib
 import re
 import subprocess
 import sys
+from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -68,36 +69,49 @@ def module_name(path):
 
 MODULES = {module_name(path): path for path in sorted(ROOT.rglob("*.py"))}
 MODULES.pop("__init__", None)  # lazy, and exempt
+ANNOUNCED = re.compile(r"nhpocp\.([\w.]+):\w+")
 
 
 def within(module, group):
     return any(module == name or module.startswith(f"{name}.") for name in group)
 
 
-def imports(module):
-    """Full names of everything a module imports, wherever the statement stands."""
+@cache
+def read(module):
+    """Full names of everything a module imports, wherever the statement stands, and all its texts."""
     path = MODULES[module]
     package = ["nhpocp", *path.relative_to(ROOT).parts[:-1]]
+    names, texts = set(), set()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
+            names.update(alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
             above = package[: len(package) + 1 - node.level] if node.level else []
             base = ".".join([*above, *([node.module] if node.module else [])])
             for alias in node.names:
                 inner = f"{base}.{alias.name}"
-                yield inner if inner.removeprefix("nhpocp.") in MODULES else base
+                names.add(inner if inner.removeprefix("nhpocp.") in MODULES else base)
         elif isinstance(node, ast.Call) and ast.unparse(node.func).endswith(("import_module", "__import__")):
-            yield from (a.value for a in node.args if isinstance(a, ast.Constant))
+            names.update(a.value for a in node.args if isinstance(a, ast.Constant))
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+            texts.add(node.value)
+    return names, texts
 
 
-GRAPH = {
-    module: {name.removeprefix("nhpocp.") for name in imports(module) if name.startswith("nhpocp.")}
-    - {module}
-    for module in MODULES
-}
+def imports(module):
+    return read(module)[0]
 
 
+@cache
+def graph():
+    return {
+        module: {name.removeprefix("nhpocp.") for name in imports(module) if name.startswith("nhpocp.")}
+        - {module}
+        for module in MODULES
+    }
+
+
+@cache
 def room(module):
     """The innermost room of the map that a module is in; the package of a room alone is in none."""
     names = [name for name in FLOORS if within(module, [name])]
@@ -108,9 +122,9 @@ def room(module):
 def test_imports_point_down_and_along_the_arrows(module):
     here = room(module)
     if here is None:  # a package with rooms in it holds words only
-        assert not GRAPH[module]
+        assert not graph()[module]
         return
-    for target in GRAPH[module]:
+    for target in graph()[module]:
         assert target in MODULES, f"{module} imports nhpocp.{target}, which does not exist"
         there = room(target)
         down = FLOORS[there] < FLOORS[here] or there == here or there in reached(ARROWS, here)
@@ -122,29 +136,32 @@ def test_imports_point_down_and_along_the_arrows(module):
 def test_the_map_shows_what_there_is():
     assert {room(module) for module in MODULES} - {None} == set(FLOORS)
     assert list(TopologicalSorter(ARROWS).static_order())
-    used = {(room(module), room(target)) for module in MODULES for target in GRAPH[module]}
+    used = {(room(module), room(target)) for module in MODULES for target in graph()[module]}
     assert {(here, there) for here in ARROWS for there in ARROWS[here]} <= used, (
         "an arrow that nobody goes along"
     )
 
 
 def test_no_module_imports_in_a_circle():
-    assert list(TopologicalSorter(GRAPH).static_order())  # raises CycleError and names the circle
+    assert list(TopologicalSorter(graph()).static_order())  # raises CycleError and names the circle
 
 
 def announced(module):
     """The modules that a module's lines "nhpocp.module:name" name, to be imported when they are asked for."""
-    constants = (
-        node.value
-        for node in ast.walk(ast.parse(MODULES[module].read_text(encoding="utf-8")))
-        if isinstance(node, ast.Constant) and isinstance(node.value, str)
-    )
-    lines = (re.fullmatch(r"nhpocp\.([\w.]+):\w+", text) for text in constants)
+    lines = map(ANNOUNCED.fullmatch, read(module)[1])
     return {line[1] for line in lines if line}
 
 
-@pytest.mark.parametrize("module", [module for module in MODULES if module != "shown" and announced(module)])
+@pytest.mark.parametrize(
+    "module",
+    [
+        module
+        for module, path in MODULES.items()
+        if module != "shown" and re.search(f'"{ANNOUNCED.pattern}"', path.read_text(encoding="utf-8"))
+    ],
+)
 def test_families_announce_what_is_not_above_them(module):
+    assert announced(module)
     for target in announced(module):
         assert FLOORS[room(target)] <= FLOORS[room(module)], f"{module} announces {target} of a higher floor"
 
@@ -162,7 +179,9 @@ def test_nobody_inside_uses_the_public_door():
 
 
 def test_verification_shares_nothing_with_what_it_judges():
-    seen = {name for module in MODULES if within(module, ["verification"]) for name in reached(GRAPH, module)}
+    seen = {
+        name for module in MODULES if within(module, ["verification"]) for name in reached(graph(), module)
+    }
     assert not [module for module in seen if within(module, ("flow", "solvers"))]
 
 

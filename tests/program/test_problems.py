@@ -12,9 +12,10 @@ import pytest
 import nhpocp
 from nhpocp.analysis import slices
 from nhpocp.cli.entry import status
+from tests.conftest import LIBRARY, library_problem
 
 FOLDER = Path(__file__).parents[2] / "problems"
-PROBLEMS = {file.stem: nhpocp.load_problem(file) for file in sorted(FOLDER.glob("*.yaml"))}
+PROBLEMS = {stem: library_problem(stem) for stem in LIBRARY}
 METHODS = ("jacobian", "nlp", "sinusoids")
 RELATIVE = ("effort", "leg_effort", "path_length")
 # those that are not simply controllable: with drift, bounded to one direction, folded or at rest where brackets fail

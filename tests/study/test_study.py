@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
+from corners import CORNERS
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -17,16 +18,7 @@ from nhpocp.problem_file import read_text
 from nhpocp.study.design import Design, Factor
 from nhpocp.study.study import Study, changed_goal, overrides, read_problem, read_study_text
 
-HEAD = """\
-nhpocp: 1
-study:
-  name: corners
-  problem:
-    system: {model: unicycle}
-    start: {x: 0, y: 0, theta: 0}
-    goal: {x: 1, y: 1, theta: 0}
-  axes:
-"""
+HEAD = CORNERS + "  axes:\n"
 
 
 def study(*axes: str, end: str = "") -> Study:

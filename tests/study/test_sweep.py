@@ -20,6 +20,7 @@ from pathlib import Path
 import click
 import pytest
 from click.testing import CliRunner
+from corners import CORNERS
 
 import nhpocp
 from nhpocp.cli import entry
@@ -34,20 +35,16 @@ from tests.study import deadly
 
 ROOT = Path(__file__).parents[2]
 PROGRAM = [sys.executable, "-m", "nhpocp"]
-UNICYCLE = """\
-nhpocp: 1
-study:
-  name: corners
-  problem:
-    system: {model: unicycle}
-    start: {x: 0, y: 0, theta: 0}
-    goal: {x: 1, y: 1, theta: 0}
+UNICYCLE = (
+    CORNERS
+    + """\
     solvers: {compile: never}
     output: {pictures: false}
   axes:
     goal.x: {linspace: [0.5, 2, 4]}
     goal.theta: [0, 30 deg, -pi/4]
 """
+)
 MEASURED = ("session", "solve_s", "verify_s", "finished", "tries")  # what differs between two sweeps
 
 

@@ -38,3 +38,22 @@ def test_rolling_holds_for_any_geometry_and_pose(legs, position, turn, control):
     rolling, leg_rate = geometry.residuals(numeric, states, np.array([control]))
     assert rolling[0] < 1e-8
     assert leg_rate[0] < 1e-8
+
+
+@settings(max_examples=25, deadline=None, derandomize=True)
+@given(beside=st.floats(1e-3, 0.1), heading=st.floats(0, 6.3), turn=triple, control=triple)
+def test_rolling_holds_for_a_leg_beside_its_own_w4(beside, heading, turn, control):
+    """Its frame turns about it the faster the nearer they are."""
+    assume(np.linalg.norm(control) > 0.1)
+    robot = ThreeUPU(20.0, 19.0, 0.7, "normal")
+    leg, rotation = robot.legs[2], so3.exp(0.5 * np.array(turn))
+    along = so3.exp(beside * np.array([np.cos(heading), np.sin(heading), 0.0])) @ leg.w4
+    position = np.asarray(leg.base) + 30.0 * rotation @ along - rotation @ leg.platform
+    states, numeric = (
+        robot.state_space.pack({"position": position, "orientation": rotation})[None],
+        NumericSystem(robot),
+    )
+    assume(min(abs(values[0]) for values in numeric.determinants(states).values()) > 1e-2)
+    rolling, leg_rate = geometry.residuals(numeric, states, np.array([control]))
+    assert rolling[0] < 2e-7  # allowed 1e-6
+    assert leg_rate[0] < 2e-7

@@ -9,7 +9,6 @@ import math
 import subprocess
 import sys
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,7 +18,7 @@ from nhpocp.arrays import namespace
 from nhpocp.errors import InvalidProblemError
 from nhpocp.flow.compiled import kernel_build
 from nhpocp.problem import PlanningProblem
-from nhpocp.problem_file import load_problem, parse_problem, starter
+from nhpocp.problem_file import parse_problem, starter
 from nhpocp.problem_file.registry import SYSTEMS, system_class
 from nhpocp.systems.numeric import _least_along
 from nhpocp.systems.parallel_robot import ParallelRobot
@@ -28,10 +27,9 @@ from nhpocp.testing import check_system
 from nhpocp.testing.laws import apart
 from nhpocp.testing.systems import LAWS, at, exact, random_control, standing
 from nhpocp.verification import geometry
-from tests.conftest import Turntable
+from tests.conftest import LIBRARY, Turntable, library_problem
 from tests.ferry import Ferry
 
-LIBRARY = sorted((Path(__file__).parents[2] / "problems").glob("*.yaml"))
 VARIANTS: dict[str, dict[str, Any]] = {
     "three_upu": {"form": "original"},
     "heisenberg": {"scale": -0.5},
@@ -50,8 +48,7 @@ CASES = [*SYSTEMS, *(f"{model}, other parameters" for model in VARIANTS), *DRIFT
 def library() -> dict[str, PlanningProblem]:
     """A problem of the library for each model that has one."""
     found: dict[str, PlanningProblem] = {}
-    for file in LIBRARY:
-        problem = load_problem(file)
+    for problem in map(library_problem, LIBRARY):
         found.setdefault(problem.system.model, problem)
     return found
 

@@ -6,7 +6,6 @@ import json
 import re
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,7 +15,6 @@ from nhpocp import planning
 from nhpocp.comparison import Comparison, Entry
 from nhpocp.errors import InvalidProblemError
 from nhpocp.outcome import Outcome
-from nhpocp.problem_file import load_problem
 from nhpocp.problem_file.registry import SYSTEMS
 from nhpocp.solution import Solution
 from nhpocp.solution_folder import load_solution, save_solution
@@ -24,12 +22,11 @@ from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.step_rules import Euler
 from nhpocp.views import animation
 from nhpocp.views.animation import LARGEST, animate_runs, render, write_animation
-from tests.conftest import axe_violations, paper_problem
+from tests.conftest import LIBRARY, axe_violations, library_problem, paper_problem
 from tests.views.test_figures import CASES, crossing, good, hopeless, of_library
 from tests.views.test_figures import solved as solved_by_hand
 from tests.views.test_report import SCRIPT, Page
 
-PROBLEMS = sorted((Path(__file__).parents[2] / "problems").glob("*.yaml"))
 LIMIT = 6e6  # bytes
 
 
@@ -141,9 +138,9 @@ def test_users_words_are_escaped():
     assert data_of(page)["runs"]
 
 
-@pytest.mark.parametrize("file", PROBLEMS, ids=lambda file: file.stem)
-def test_every_system_of_the_library_gives_a_page(file):
-    problem = load_problem(file)
+@pytest.mark.parametrize("name", LIBRARY)
+def test_every_system_of_the_library_gives_a_page(name):
+    problem = library_problem(name)
     shape = (problem.system.input_space.size, problem.basis.size)
     solution = solved_by_hand(problem, np.full(shape, 0.3) if problem.initial is None else problem.initial)
     run = data_of(render(entries(solution)))["runs"][0]
@@ -159,7 +156,7 @@ def test_every_system_of_the_library_gives_a_page(file):
 
 
 def test_every_model_has_a_problem_here():
-    assert {load_problem(file).system.model for file in PROBLEMS} == set(SYSTEMS)
+    assert {library_problem(name).system.model for name in LIBRARY} == set(SYSTEMS)
 
 
 @pytest.mark.parametrize(

@@ -13,13 +13,12 @@ from nhpocp.outcome import Outcome
 from nhpocp.problem_file.registry import SYSTEMS, system_class
 from nhpocp.shown import Shown
 from nhpocp.solution import Verdict
-from tests.conftest import Runaway, Turntable, axe_violations, paper_problem
+from tests.conftest import LIBRARY, Runaway, Turntable, axe_violations, library_problem, paper_problem
 from tests.views.test_figures import CASES, FAILURES, good, hopeless, toy
 from tests.views.test_report import SCRIPT, Page
 
 ROOT = Path(__file__).parents[2]
 LARGEST = 60_000  # characters of a card: a notebook holds some
-PROBLEMS = sorted((ROOT / "problems").glob("*.yaml"))
 
 
 def card(shown):
@@ -52,9 +51,9 @@ def test_numbers_of_a_solution_are_its_own():
     assert re.search(rf"evaluations\s*{solution.evaluations}\b", words)
 
 
-@pytest.mark.parametrize("file", PROBLEMS, ids=lambda file: file.stem)
-def test_problems_and_their_systems_have_a_card(file):
-    problem = nhpocp.load_problem(file)
+@pytest.mark.parametrize("name", LIBRARY)
+def test_problems_and_their_systems_have_a_card(name):
+    problem = library_problem(name)
     page, pictures = card(problem)
     assert problem.name in page.words
     drawn = bool(problem.system.drawing(problem.start_point)["lines"])

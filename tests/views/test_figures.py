@@ -23,7 +23,6 @@ from nhpocp.controls.control import Control
 from nhpocp.controls.fourier import Fourier
 from nhpocp.outcome import Outcome
 from nhpocp.problem import PlanningProblem
-from nhpocp.problem_file import load_problem
 from nhpocp.solution import Crossing, Solution, Verdict
 from nhpocp.state_space import StateSpace, rotation, scalar, vector
 from nhpocp.systems.numeric import NumericSystem
@@ -37,6 +36,7 @@ from nhpocp.views.labels import plain_words, symbol
 from nhpocp.views.overlays import overlays
 from nhpocp.views.records import step_sums
 from nhpocp.views.style import DOTS_PER_INCH, PANEL
+from tests.conftest import library_problem
 
 FINAL = [  # physics, section 2: the preset `default` after (17) with gamma = 0.1
     [0.03936, 0.62835, 0.79417, -0.56243, -0.29366],
@@ -253,6 +253,7 @@ def test_every_picture_of_every_kind_of_solution(case: Any, tmp_path: Path) -> N
         "failure": solution.outcome is Outcome.CONVERGED,
         "margins": not any(name.startswith("sigma_") for name in solution.trajectory),
         "distances": "distance" not in solution.trajectory,
+        "trees": "trees" not in solution.details,
     }
     names = [name for name in FIGURES if not nothing_to_say.get(name)]
     assert [file.name for file in files] == [f"{name}.{kind}" for name in names for kind in kinds]
@@ -580,7 +581,7 @@ def test_words_of_labels(label: str, words: str) -> None:
 
 def of_library(stem: str) -> Solution:
     """A solution of the library's problem under its own first control."""
-    problem = load_problem(Path(__file__).parents[2] / "problems" / f"{stem}.yaml")
+    problem = library_problem(stem)
     return solved(problem, problem.initial)
 
 

@@ -25,6 +25,8 @@ from nhpocp.provenance import c_compiler, compiler, processor, without_compiler
 
 # a fraction of the largest number, or of what a function is given: far above rounding, far below a mistake
 CLOSE = 1e-9
+WILD = 1e-4  # a fraction of the largest number, a hundred thousand times the nudge: of paths that run away
+UNTOLD = 50  # in succession, on which a kernel cannot be tried, before it is given up
 
 _log = logging.getLogger("nhpocp")
 _said: set[str] = set()
@@ -52,14 +54,12 @@ class Place(Generic[K]):
         self.kernel: K | None = None
         self.seconds = 0.0  # that CasADi's evaluation has cost so far
         self.untried = True
-        self._key, self._building = "", False
+        self._key, self._building, self._untold = "", False, 0
 
     def get(self, recipe: Recipe[K]) -> None:
         """Takes the kernel, which is built if there is none yet."""
         if self.untried:
-            self._take(recipe, self._stored(recipe))
-        if self.untried:
-            self._take(recipe, self._built(recipe))
+            self._take(recipe, self._stored(recipe) or self._built(recipe))
 
     def look(self, recipe: Recipe[K], patience: float) -> None:
         """Takes the stored kernel; where there is none, has it built and looks again after that many seconds of work.
@@ -166,8 +166,10 @@ class Place(Generic[K]):
         agrees = recipe.agrees(kernel)
         if agrees:
             self.kernel = kernel
+        elif agrees is None and self._untold < UNTOLD:
+            self._untold, self.untried = self._untold + 1, True
         elif agrees is None:
-            self._give_up(f"the kernel {path} cannot be tried on numbers that overflow")
+            self._give_up(f"the kernel {path} cannot be tried on numbers that run away")
         else:
             with suppress(OSError):
                 path.unlink()
@@ -179,18 +181,23 @@ class Place(Generic[K]):
 
 
 def agree(compiled: Sequence[Array], expected: Sequence[Array], nearby: Sequence[Array]) -> bool | None:
-    """Whether a kernel's numbers are CasADi's up to rounding; None where CasADi's overflow and theirs do otherwise.
+    """Whether a kernel's numbers are CasADi's up to rounding; None where that cannot be told.
+
+    It cannot where CasADi's overflow and theirs do otherwise, or where the nudge alone moves them as far as `WILD`.
 
     ``nearby``: CasADi's numbers where what it is given is `nudged`. Large terms that all but cancel, as in the gaps of
     a solved path, leave rounding that is large beside the result; it is small beside what the nudge makes of it.
     """
+    triples = list(zip(compiled, expected, nearby, strict=True))
     with np.errstate(all="ignore"):
         close = all(
             np.allclose(a, b, rtol=0.0, atol=CLOSE * _largest(b) + _largest(c - b), equal_nan=True)
-            for a, b, c in zip(compiled, expected, nearby, strict=True)
+            for a, b, c in triples
         )
+        wild = any(_largest(c - b) > WILD * _largest(b) for _, b, c in triples)
     # a sum in another order may be ∞ - ∞ where CasADi's is not
-    return close or (False if all(np.isfinite(b).all() for b in (*expected, *nearby)) else None)
+    told = not wild and all(np.isfinite(b).all() for b in (*expected, *nearby))
+    return close or (False if told else None)
 
 
 def _largest(numbers: Array) -> float:

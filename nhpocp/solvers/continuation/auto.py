@@ -11,28 +11,30 @@ from typing import Any, ClassVar
 import numpy as np
 
 from nhpocp import declared
+from nhpocp.constraints.leg_acceleration import lacking_derivative
 from nhpocp.constructed import Constructed
 from nhpocp.controls.control import Control
-from nhpocp.controls.sequence import join, retimed
+from nhpocp.controls.sequence import retimed
 from nhpocp.declared import check, whole_number
 from nhpocp.deferred import Deferred
 from nhpocp.errors import expect
 from nhpocp.flow.integrators import RungeKutta4
+from nhpocp.flow.step_error import FINER, MOST
 from nhpocp.interruption import STOPPED, Interruption
 from nhpocp.objectives.registry import OBJECTIVES
 from nhpocp.outcome import Outcome
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Progress, Solution, telling
+from nhpocp.solvers.continuation.along_routes import AlongRoutes
 from nhpocp.solvers.continuation.confirmation import begun_from, confirmed
 from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.continuation_result import ContinuationResult
 from nhpocp.solvers.continuation.ending import Ending
 from nhpocp.solvers.continuation.geodesic import Geodesic
 from nhpocp.solvers.continuation.initial_control import drawn
-from nhpocp.solvers.continuation.merging import Merging
-from nhpocp.solvers.continuation.route_manoeuvres import RouteManoeuvres
+from nhpocp.solvers.continuation.merging import Merging, joined
 from nhpocp.solvers.continuation.step_rules import Adaptive
-from nhpocp.solvers.route.find_route import find_route, lacking
+from nhpocp.solvers.route.find_route import lacking
 from nhpocp.solvers.route.wanted import ROUTE, ROUTE_SECONDS, ROUTES
 
 EVALUATIONS = 25  # per try: starts that lead to the goal need 5 to 20
@@ -45,7 +47,7 @@ WIDTHS = (1.0, 0.5, 2.0)  # of the seeded among them, in turn
 AGREEING = 6  # starts that lead to the least cost so far: others are hardly worth the work
 ALIKE = 5e-3  # relative, of two costs
 NOTHING = 1e-6  # of the objective's unit: less is not worth a search
-ATTEMPTS = 2  # along a route, with other seeds
+FUTILE = 2  # starts that end outside a bound, after which a route is looked for
 FURTHER = 2  # times the restarts: seeded starts that are tried where all else failed
 
 
@@ -64,7 +66,7 @@ class Auto(Constructed):
     The search for least cost (`Continuation.objective`) ends in the valley where it begins, and few of them are deep:
     it follows on the first way that reaches the goal, and again from seeded starts until six agree on the least.
     continuation: the method that every try is made with. restarts: seeded starts. route: "auto", or "always" first of
-    all, or "never". route_seconds: how long one is looked for, at most.
+    all, or "never". route_seconds: processor time for which one is looked for, at most.
     Errors: `InvalidProblemError` for restarts that are no whole number, `CallError` for another method;
     `MissingDependencyError` where a route is wanted always and OMPL is not installed.
     """
@@ -98,9 +100,9 @@ class _Search:
 
     def __init__(self, solver: Auto, problem: PlanningProblem, progress: Progress | None) -> None:
         self.base, self.restarts = solver.continuation, solver.restarts
-        self.route, self.route_seconds = solver.route, solver.route_seconds
-        self.followed = False  # a route
-        self.no_route = ""  # what is known of none, in words
+        self.route = solver.route
+        self.along_routes = AlongRoutes(self, solver.route_seconds, required=solver.route == "always")
+        self._rates = {bound.label for bound in problem.bounds_on_rates}
         self.problem, self.space, self.progress = problem, problem.system.state_space, progress
         self.records: list[Deferred] = []
         self.tried: list[dict[str, Any]] = []
@@ -131,8 +133,17 @@ class _Search:
         return replace(
             best,
             records=self.records,
-            details={**best.details, "tried": self.tried},
+            details={**best.details, "tried": self.tried, **self._sketch_of(best)},
             solve_seconds=perf_counter() - began - best.build_seconds,
+        )
+
+    def _sketch_of(self, best: ContinuationResult) -> dict[str, Any]:
+        """What was seen of routes, but of none that a plan does not follow."""
+        way = self.tried[best.details.get("attempt", -1)]["way"] if self.tried else ""
+        return (
+            self.along_routes.sketch
+            if best.outcome is not Outcome.CONVERGED or way.endswith("along a route")
+            else {}
         )
 
     def _cheapest(self, first: ContinuationResult) -> ContinuationResult:
@@ -177,16 +188,17 @@ class _Search:
 
     def _ending(self, best: ContinuationResult, stopped: bool) -> Ending:
         """Of all tries, which end with the best."""
-        ways = len(self.tried)
+        ways, no_route = len(self.tried), self.along_routes.no_route
         if best.outcome is Outcome.CONVERGED:
-            after = f" by {self.tried[-1]['way']}, after {ways - 1} other ways" if ways > 1 else ""
+            after = f", by {self.tried[-1]['way']}, after {ways - 1} other ways" if ways > 1 else ""
             return Ending(best.outcome, best.message + after)
         if stopped:
             return Ending(Outcome.INTERRUPTED, STOPPED)
         if best.outcome is Outcome.CONSTRAINT_VIOLATED:
-            return Ending(best.outcome, f"{best.message}; {ways} ways were tried")
+            no_route = f"; {no_route}" if no_route else ""
+            return Ending(best.outcome, f"{best.message}; {ways} ways were tried{no_route}")
         given_up = f"Given up after {len(self.records)} evaluations. " if self.given_up else ""
-        no_route = f" {self.no_route[:1].upper()}{self.no_route[1:]}." if self.no_route else ""
+        no_route = f" {no_route[:1].upper()}{no_route[1:]}." if no_route else ""
         each = "; ".join(f"{way['way']}: {way['outcome']} (E = {way['error']:.3g})" for way in self.tried)
         return Ending(
             Outcome.NOT_REACHED, f"Nothing that was tried reached the goal.{no_route} {given_up}{each}"
@@ -199,15 +211,17 @@ class _Search:
 
     def _ways(self) -> Iterator[tuple[str, ContinuationResult]]:
         """Every way in order, each tried when it is asked for."""
-        problem, starts = self.problem, []
+        problem, starts, futile = self.problem, list[ContinuationResult](), 0
         if self.route == "always":
             yield from self._along_a_route()
         for way, result in self._starts(range(1 + self.restarts)):
             starts.append(result)
-            yield way, self._remembered(self._finished(result, self.base))
+            finished = self._remembered(self._finished(result, self.base))
+            yield way, finished
             if self._hopeless(only_rates=True):
                 return
-            if self._hopeless():
+            futile += bool(self._broken(finished) - self._rates)
+            if self._hopeless() or (futile == FUTILE and self.route == "auto" and not lacking(problem)):
                 break
         if self.given_up:
             return
@@ -215,9 +229,11 @@ class _Search:
             yield from self._along_a_route()
         geodesic = Geodesic(self)
         # a drift moves the pose between manoeuvres, and forbids them another time than the one they were planned for
-        controls = geodesic.manoeuvres() if problem.system.driftless and not self.followed else None
+        controls = (
+            geodesic.manoeuvres() if problem.system.driftless and not self.along_routes.followed else None
+        )
         if controls is not None:
-            yield f"{len(controls)} manoeuvres in sequence", self._joined(controls)
+            yield f"{len(controls)} manoeuvres in sequence", self._joined(controls, 0)
         if self._hopeless():
             return
         nearest = min(starts, key=lambda result: result.rank)
@@ -237,38 +253,13 @@ class _Search:
             yield self.way, self._finished(longer, self.base)
 
     def _along_a_route(self) -> Iterator[tuple[str, ContinuationResult]]:
-        """Manoeuvres along a route of poses, where there is one; what is known of none is kept for the ending."""
-        if lacking(self.problem):
-            return
-        self.way = "looking for a route"
-        self._tell()
-        with Interruption() as interruption:
-            required = self.route == "always"
-            found = find_route(
-                self.problem, self.route_seconds, self.base.seed, lambda: interruption.noted, required
-            )
-            interruption.check()
-        if found.route is None or found.checks is None:
-            self.no_route = found.words
-            return
-        self.followed = True
-        for attempt in range(ATTEMPTS):
-            manoeuvres = RouteManoeuvres(
-                self.problem, self.base, found.route, found.checks, self.base.seed + attempt
-            )
-            for fraction in manoeuvres.walk():
-                self.way = f"manoeuvres along a route, {fraction:.0%} of it"
-                self._tell()
-            controls = manoeuvres.controls
-            if manoeuvres.arrived:
-                count = f"{len(controls)} manoeuvres in sequence" if len(controls) > 1 else "a manoeuvre"
-                yield f"{count} along a route", self._joined(controls)
-                continue
-            part = manoeuvres.walked / manoeuvres.route.length
-            way = f"manoeuvres along a route, stuck after {len(controls)} at {part:.0%} of it"
-            self.note(way, "stagnated", self.problem.goal_error(manoeuvres.here))
+        """Manoeuvres along a route of poses, where there is one."""
+        for way, controls, steps in self.along_routes.ways():
+            yield way, self._joined(controls, steps)
 
-    def _tell(self) -> None:
+    def telling(self, way: str) -> None:
+        """Says what is being tried."""
+        self.way = way
         if self.progress is not None:
             self.progress({"k": None, "error": None, "stage": self.way})
 
@@ -287,17 +278,22 @@ class _Search:
         """Itself; the least violation of the bounds near its control is kept, if the search came to rest there."""
         known = result.details.get("constraints", {})
         if known.get("stalled"):
-            self.stalled.append((known["stalled"], set(known.get("broken", ()))))
+            self.stalled.append((known["stalled"], self._broken(result)))
         return result
+
+    @staticmethod
+    def _broken(result: ContinuationResult) -> set[str]:
+        """The bounds outside which a search ended."""
+        return set(result.details.get("constraints", {}).get("broken", ()))
 
     def _hopeless(self, only_rates: bool = False) -> bool:
         """Whether two ways have come to rest at one violation, the least that there seems to be; a judgement, no proof.
 
         ``only_rates``: of bounds that more manoeuvring makes worse.
         """
-        rates = {bound.label for bound in self.problem.bounds_on_rates}
         return any(
-            abs(one - other) <= SAME * max(one, other) and (not only_rates or (broken | others) <= rates)
+            abs(one - other) <= SAME * max(one, other)
+            and (not only_rates or (broken | others) <= self._rates)
             for (one, broken), (other, others) in combinations(self.stalled, 2)
         )
 
@@ -336,6 +332,9 @@ class _Search:
             if not self.problem.bounds:
                 return first
             solver = replace(solver, objective="none")
+        if words := lacking_derivative(self.problem.bounds, first.control.basis):
+            words = f"{first.message}; {words} from one piece to the next"
+            return replace(first, outcome=Outcome.CONSTRAINT_VIOLATED, message=words)
         second = self._solve(solver, begun_from(self.problem, first.control), first.updates)
         if second.outcome in (Outcome.CONVERGED, Outcome.CONSTRAINT_VIOLATED, Outcome.INTERRUPTED):
             return second
@@ -345,29 +344,28 @@ class _Search:
             first, message=f"{first.message}; finer steps refuted the search for less {solver.objective}"
         )
 
-    def _joined(self, controls: list[Control]) -> ContinuationResult:
+    def _joined(self, controls: list[Control], steps: int) -> ContinuationResult:
         """Manoeuvres as one control, corrected as one; merged where less is asked for."""
-        joined = self._as_one(controls)
-        solver = replace(self.base, integrator=joined.integrator)
+        first = self._as_one(controls, steps)
+        solver = replace(self.base, integrator=first.integrator)
         asked = self.base.objective != "none" and not self.problem.via
-        if not asked or joined.outcome is not Outcome.CONVERGED:
-            return self._finished(joined, solver)
+        if not asked or first.outcome is not Outcome.CONVERGED:
+            return self._finished(first, solver)
         merging = Merging(self.problem, controls, self.base.tolerance, self.base.max_iterations)
         try:
             for effort in merging.run():
-                self.way = f"merging manoeuvres, effort {effort / self.problem.horizon.fixed:.4g}"
-                self._tell()
+                self.telling(f"merging manoeuvres, effort {effort / self.problem.horizon.fixed:.4g}")
         except KeyboardInterrupt:
-            return replace(joined, outcome=Outcome.INTERRUPTED, message=STOPPED)
+            return replace(first, outcome=Outcome.INTERRUPTED, message=STOPPED)
         merged = self._as_one([merging.control], merging.steps)
-        if merged.outcome is not Outcome.CONVERGED or not merged.control.effort < joined.control.effort:
-            return self._finished(joined, solver)
+        if merged.outcome is not Outcome.CONVERGED or not merged.control.effort < first.control.effort:
+            return self._finished(first, solver)
         if self.problem.bounds or self.base.objective != "effort":
             return self._finished(merged, replace(self.base, integrator=merged.integrator))
         return merging.told(merged)
 
-    def _as_one(self, controls: list[Control], steps: int = 0) -> ContinuationResult:
-        """Manoeuvres as one control over the problem's horizon, by ``steps`` or as many as the shortest asks for.
+    def _as_one(self, controls: list[Control], steps: int) -> ContinuationResult:
+        """Manoeuvres as one control over the problem's horizon, corrected as one; steps: for the shortest, at least.
 
         Manoeuvre i would cost E_i in unit time; it gets √E_i / Σ √E of the horizon, with which the whole costs
         (Σ √E)²/T, the least of all divisions.
@@ -375,15 +373,15 @@ class _Search:
         weights = np.sqrt([control.effort for control in controls])
         weights = np.maximum(weights, SHORTEST * weights.mean())
         durations = self.problem.horizon.fixed * weights / weights.sum()
-        timed = [retimed(control, time) for control, time in zip(controls, durations, strict=True)]
+        whole = joined([retimed(control, time) for control, time in zip(controls, durations, strict=True)])
         integrator = self.base.integrator
         if isinstance(integrator, RungeKutta4):
-            fewest = int(STEPS_PER_PIECE * integrator.steps * weights.sum() / weights.min())
-            integrator = replace(integrator, steps=max(steps, fewest))
+            steps = max(steps, int(STEPS_PER_PIECE * integrator.steps))
+            steps = min(MOST // FINER, int(steps * weights.sum() / weights.min()))
+            integrator = replace(integrator, steps=steps)
         solver = replace(self.base, integrator=integrator, objective="none")
-        whole = begun_from(self.problem, join(timed) if len(timed) > 1 else timed[0])
         self.way = f"{len(controls)} manoeuvres as one"
-        return self._solve(solver, replace(whole, bounds=()))
+        return self._solve(solver, replace(begun_from(self.problem, whole), bounds=()))
 
 
 def _nearness(result: ContinuationResult) -> tuple[bool, float]:

@@ -1,4 +1,4 @@
-"""Manoeuvres along a route: of many seeded ones, tried side by side, the one that leads farthest and stays clear."""
+"""Manoeuvres along a route: of many, tried side by side, the cheapest that leads far along it and stays clear."""
 
 from __future__ import annotations
 
@@ -16,25 +16,34 @@ from nhpocp.horizon import Horizon
 from nhpocp.interruption import Interruption
 from nhpocp.problem import PlanningProblem
 from nhpocp.solvers.budget import Budget
+from nhpocp.solvers.continuation.bracket_loops import BracketLoops
 from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.generalized_inverses import MoorePenrose
 from nhpocp.solvers.continuation.initial_control import drawn
 from nhpocp.solvers.continuation.lockstep_search import Lockstep, Method
 from nhpocp.solvers.continuation.step_rules import Adaptive
 from nhpocp.solvers.route.edges import clear
+from nhpocp.solvers.route.loops import Loops
 from nhpocp.solvers.route.pose_checks import PoseChecks
 from nhpocp.solvers.route.route import Route
 
-SEEDS = 32
-WIDTHS = (0.1, 0.3, 0.7, 1.2)  # in turn, with which the controls are drawn
-EVALUATIONS = 30  # of each
+SEEDS = 32  # that are drawn where loops do not lead on
+WIDTHS = (0.1, 0.3, 0.7, 1.2)  # in turn, with which they are
+FEW, MANY = 10, 30  # evaluations of each: from loops, and from what is drawn
+SHORT = 0.3  # length, in units of the problem's scales, below which the latter are tried too
 STEPS = 40  # of a manoeuvre's integration
 LEAST = 0.001  # length, in units of the problem's scales, that is tried last
 LOOKS = 20  # at a path, before it is held against all checks
 RESOLVED = 1e-6  # in units of the problem's scales: between ends with the steps of either simulation
 PIECES = 200  # at most
+SEEN = 20  # of them, before it is said how many the route takes
+CHOICE, DEARER = (
+    4,
+    2.0,
+)  # of the cheapest, and times the effort of the first, of which the least delicate is taken
+NUDGE = 1e-6  # in units of the scales, for differences
 DETOURS, ASIDE = 4, 40  # at most, where no manoeuvre leads on, and the seeded controls that may make one
-LONGER = 2.0  # times what has been reached, tried next
+LONGER = 2.0  # times what has been reached at once, tried next
 
 
 class RouteManoeuvres:
@@ -42,7 +51,8 @@ class RouteManoeuvres:
 
     A loop of size s moves a driftless system by s² along its brackets, so that short parts of a route are followed by
     manoeuvres that stray from it like √length: where those leave what `PoseChecks` allow, shorter ones are tried.
-    [Laumond, ch. 1]
+    [Laumond, ch. 1] They are corrected from `BracketLoops`; where brackets of the second degree are too weak, from
+    seeded controls.
     """
 
     def __init__(
@@ -53,15 +63,20 @@ class RouteManoeuvres:
         self.controls: list[Control] = []
         self.walked = 0.0  # of the route
         self.here = problem.start_point
+        self._along = np.eye(problem.system.state_space.dimension)  # ∂here/∂start, in units of the scales
         own = solver.integrator
         kept = own if isinstance(own, RungeKutta4) else RungeKutta4()
         kernels = kept.kernels.for_long_work()
         integrator = resolving(replace(kept, steps=STEPS, kernels=kernels), problem.basis)
         self._solver = replace(solver, integrator=integrator, objective="none")
+        self._part = replace(problem, horizon=Horizon(1.0), via=(), bounds=(), initial=None)
+        self._loops = BracketLoops(self._part, route.poses.loops or Loops(problem))
         self._random = np.random.default_rng(seed)
         fine = finer(integrator)
-        self._flows = [
-            flow_through(problem.system, problem.basis, 1.0, steps, ()) for steps in (fine, finer(fine))
+        self.steps = int(finer(fine).steps)  # with which each of the controls is known to lead where it does
+        self._rough, *self._flows = [
+            flow_through(problem.system, problem.basis, 1.0, steps, ())
+            for steps in (integrator, fine, finer(fine))
         ]
 
     @property
@@ -69,12 +84,23 @@ class RouteManoeuvres:
         """Whether the controls lead to the end of the route."""
         return self.walked >= self.route.length
 
-    def walk(self) -> Iterator[float]:
+    @property
+    def growth(self) -> float:
+        """By how much the controls multiply what is off at the start, at most."""
+        return float(np.linalg.norm(self._along, 2)) if np.isfinite(self._along).all() else np.inf
+
+    @property
+    def part(self) -> float:
+        """Of the route that is walked."""
+        return self.walked / self.route.length
+
+    def walk(self, patience: float = np.inf) -> Iterator[float]:
         """Adds controls of unit time, one after another, until they have arrived or none leads on.
 
-        Yields the part of the route that is walked. Errors: Ctrl-C's.
+        patience: how many the whole route may seem to take; can be called again with more. Yields the part that is
+        walked. Errors: Ctrl-C's.
         """
-        step, detours = self.route.length, 0
+        step, growth, detours = self.route.length, 1.0, 0
         with Interruption() as interruption, np.errstate(all="ignore"):
             while len(self.controls) < PIECES and not self.arrived:
                 if step <= LEAST:
@@ -82,14 +108,14 @@ class RouteManoeuvres:
                     if detours > DETOURS or not self._detour():
                         return
                     step = self.route.length
-                yield self.walked / self.route.length
+                if len(self.controls) >= SEEN and len(self.controls) > patience * self.part:
+                    return
+                yield self.part
                 reach = min(self.route.length, self.walked + step)
-                control = self._manoeuvre(reach, interruption)
-                if control is None:
-                    step *= 0.5
+                if not self._manoeuvre(reach, interruption):
+                    step, growth = 0.5 * step, 1.0
                     continue
-                self.controls.append(control)
-                step = LONGER * (reach - self.walked)
+                step, growth = growth * (reach - self.walked), LONGER
                 self.walked = reach
 
     def _detour(self) -> bool:
@@ -100,49 +126,73 @@ class RouteManoeuvres:
             control = Control(self.problem.basis, self.problem.horizon.fixed * coefficients)
             end = self._end(control)
             if end is not None and self.route.poses.free(end, ahead[0]):
-                self.controls.append(control)
-                self.here, self.walked = end, 0.0
+                self._take(control, end, self._derivative(control))
+                self.walked = 0.0
                 self.route = Route(np.vstack([end, ahead]), self.route.poses)
                 return True
         return False
 
-    def _manoeuvre(self, reach: float, interruption: Interruption) -> Control | None:
-        """The cheapest that leads to that much of the route and stays clear; `here` is where it ends."""
-        part = replace(
-            self.problem,
-            start=self._values(self.here),
-            goal=self._values(self.route.at(reach)),
-            horizon=Horizon(1.0),
-            via=(),
-            bounds=(),
-            initial=None,
+    def _take(self, control: Control, end: Array, derivative: Array) -> None:
+        with np.errstate(all="ignore"):
+            self._along = derivative @ self._along
+        self.controls.append(control)
+        self.here = end
+
+    def _derivative(self, control: Control) -> Array:
+        """∂end/∂start (dimension, dimension) of a control from `here`, by differences, in units of the scales."""
+        space, scales = self.problem.system.state_space, self.problem.scales.states
+        starts = [self.here, *(np.asarray(space.retract(self.here, a)) for a in NUDGE * np.diag(scales))]
+        end, *ends = (self._rough.end(start, control.coefficients) for start in starts)
+        derivative = np.array([np.asarray(space.difference(there, end)) / scales for there in ends]).T / NUDGE
+        return derivative if np.isfinite(derivative).all() else np.full_like(derivative, np.inf)
+
+    def _manoeuvre(self, reach: float, interruption: Interruption) -> bool:
+        """Takes one that leads to that much of the route at little cost and stays clear; whether there is one."""
+        there = self.route.at(reach)
+        part = replace(self._part, start=self._values(self.here), goal=self._values(there))
+        displacement, _ = self.route.poses.tangent(there, self.here)
+        starts = self._loops.seeds(self.here, displacement)
+        found = self._best(part, starts, FEW, interruption)
+        if not found and reach - self.walked < SHORT:
+            starts = [drawn(part, self._random, WIDTHS[seed % len(WIDTHS)]) for seed in range(SEEDS)]
+            found = self._best(part, starts, MANY, interruption)
+        return found
+
+    def _best(
+        self, part: PlanningProblem, starts: list[Array], evaluations: int, interruption: Interruption
+    ) -> bool:
+        """Takes it of what these starts lead to, each with so many evaluations at most."""
+        search = Lockstep(
+            Method(self._solver, Adaptive(), MoorePenrose()), [part] * len(starts), interruption
         )
-        starts = [drawn(part, self._random, WIDTHS[seed % len(WIDTHS)]) for seed in range(SEEDS)]
-        search = Lockstep(Method(self._solver, Adaptive(), MoorePenrose()), [part] * SEEDS, interruption)
-        plans = search.plans(Budget(EVALUATIONS), np.array(starts)).values()
-        for control in sorted(
-            (Control(part.basis, plan.coefficients) for plan in plans), key=lambda control: control.effort
-        ):
+        plans = search.plans(Budget(evaluations), np.array(starts)).values()
+        clear_ones = list[tuple[Control, Array, Array]]()
+        for control in sorted((Control(part.basis, plan.coefficients) for plan in plans), key=_effort):
+            if clear_ones and (
+                len(clear_ones) == CHOICE or control.effort > DEARER * clear_ones[0][0].effort
+            ):
+                break
             end = self._end(control)
             if end is not None:
-                self.here = end
-                return control
-        return None
+                clear_ones.append((control, end, self._derivative(control)))
+        if clear_ones:
+            self._take(*min(clear_ones, key=lambda one: one[0].effort * np.linalg.norm(one[2], 2)))
+        return bool(clear_ones)
 
     def _end(self, control: Control) -> Array | None:
         """Where a control leads from `here`; None where its path is not clear, or so steep that steps decide it."""
         path = self._flows[0].states(self.here, control.coefficients)
         if not np.isfinite(path).all() or not self.checks.valid(path[:: len(path) // LOOKS]):
             return None  # most that are not clear, in little time
-        finer_path = self._flows[1].states(self.here, control.coefficients)
-        error = np.abs(finer_path[-1] - path[-1]) / self.problem.scales.points
-        if (
-            not error.max() <= RESOLVED
-            or not np.isfinite(finer_path).all()
-            or not clear(self.checks, finer_path)
-        ):
+        if not clear(self.checks, path):
             return None
-        return self.problem.system.state_space.nearest(finer_path[-1])
+        end = self._flows[1].end(self.here, control.coefficients)
+        error = np.abs(end - path[-1]) / self.problem.scales.points
+        return self.problem.system.state_space.nearest(end) if error.max() <= RESOLVED else None
 
     def _values(self, pose: Array) -> dict[str, Array]:
         return self.problem.system.state_space.unpack(pose)
+
+
+def _effort(control: Control) -> float:
+    return control.effort

@@ -7,8 +7,9 @@ verification calls the relative excess, but for the fraction `INSIDE` by which a
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
@@ -60,8 +61,16 @@ class PathRows:
         return self._values(self._samples, path, coefficients)
 
     def _values(self, samples: _Samples, path: Array, coefficients: Array) -> Array:
-        states, controls = path[samples.places], samples.table @ coefficients.T
+        states, controls = path[samples.places], self._driven(samples, coefficients)
         return np.hstack([family.values(states, controls) for family in self._families])
+
+    def _driven(self, samples: _Samples, coefficients: Array) -> Array:
+        """What drives the quantities at samples: u, then du/dt where one of them takes it, side by side."""
+        return np.hstack([table @ coefficients.T for table in self._tables(samples)])
+
+    def _tables(self, samples: _Samples) -> list[Array]:
+        """φ, then its derivative."""
+        return [samples.table, samples.slopes] if self.problem.system.accelerated else [samples.table]
 
     def derivatives(self, coefficients: Array) -> Array:
         """∂g/∂λ, samples × columns × (inputs · size)."""
@@ -69,12 +78,16 @@ class PathRows:
             self.problem.start_point, coefficients, range(len(self._flow.times))
         )
         samples = self._samples
-        states, controls = path[samples.places], samples.table @ coefficients.T
+        states, controls = path[samples.places], self._driven(samples, coefficients)
         pairs = [family.slopes(states, controls) for family in self._families]
         by_state, by_control = (np.concatenate(parts, axis=1) for parts in zip(*pairs, strict=True))
         through_state = by_state @ sensitivities[samples.places]
-        direct = by_control[:, :, :, None] * samples.table[:, None, None, :]
-        return through_state + direct.reshape(through_state.shape)
+        tables = self._tables(samples)
+        parts = np.split(by_control, len(tables), axis=2)
+        direct = sum(
+            part[..., None] * table[:, None, None, :] for part, table in zip(parts, tables, strict=True)
+        )
+        return through_state + np.reshape(direct, through_state.shape)
 
     def between(self, coefficients: Array) -> Array:
         """The least g (samples × columns) of the finely simulated motion in the neighbourhood of every sample."""
@@ -99,9 +112,12 @@ class PathRows:
     def reports(self, control: Control) -> list[BoundReport]:
         """Every bound's worst place on the finely simulated motion."""
         path = self._fine_flow.states(self.problem.start_point, control.coefficients)
-        states, controls = path[self._fine.places], self._fine.table @ control.coefficients.T
+        states, driven = path[self._fine.places], self._driven(self._fine, control.coefficients)
+        controls, rates = driven[:, : len(control.coefficients)], driven[:, len(control.coefficients) :]
         with np.errstate(all="ignore"):  # a path that runs away is reported, not warned of
-            trajectory = self.numeric.trajectory(states, controls, self.problem.scale)
+            trajectory = self.numeric.trajectory(
+                states, controls, self.problem.scale, rates if rates.size else None
+            )
         return check_bounds(self.problem.bounds, self._fine.times, trajectory)
 
 
@@ -117,8 +133,18 @@ class _Samples:
         self.places = np.concatenate([left, right])[order]
         self.times = grid[self.places]
         self.from_left = np.concatenate([np.ones(len(left), bool), np.zeros(len(right), bool)])[order]
-        tables = basis.table(grid[left], horizon, "left"), basis.table(grid[right], horizon)
-        self.table = np.concatenate(tables)[order]
+        self._ends, self._order, self._basis, self._horizon = (grid[left], grid[right]), order, basis, horizon
+        self.table = self._both_sides(basis.table)
+
+    @cached_property
+    def slopes(self) -> Array:
+        """dφ/dt there."""
+        return self._both_sides(self._basis.derivative_table)
+
+    def _both_sides(self, table: Callable[..., Array]) -> Array:
+        left, right = self._ends
+        sides = table(left, self._horizon, "left"), table(right, self._horizon, "right")
+        return np.concatenate(sides)[self._order]
 
     def nearest(self, fine: _Samples) -> Array:
         """For every sample of a finer grid the nearest of these on its own side of every breakpoint."""
@@ -143,11 +169,11 @@ class _Family(ABC):
 
     @abstractmethod
     def values(self, states: Array, controls: Array) -> Array:
-        """g at samples (k, n), (k, m) → (k, columns)."""
+        """g at samples (k, n), (k, m), or (k, 2 m) with du/dt beside u → (k, columns)."""
 
     @abstractmethod
     def slopes(self, states: Array, controls: Array) -> tuple[Array, Array]:
-        """∂g/∂x (k, columns, n) and ∂g/∂u (k, columns, m)."""
+        """∂g/∂x (k, columns, n) and ∂g/∂u (k, columns, m), by du/dt too where controls (k, 2 m) hold it."""
 
 
 @dataclass(frozen=True)
@@ -192,7 +218,7 @@ class _Boxed(_Family):
 
     def __init__(self, bound: Bound, system: System) -> None:
         self._value, self._slope, shape = _quantity_functions(system, bound.quantity)
-        self._sides, self._inputs = _sides(bound, shape), system.input_space.size
+        self._sides = _sides(bound, shape)
 
     def values(self, states: Array, controls: Array) -> Array:
         (values,) = call(mapped(self._value, len(states)), states, controls)
@@ -200,16 +226,20 @@ class _Boxed(_Family):
 
     def slopes(self, states: Array, controls: Array) -> tuple[Array, Array]:
         (slopes,) = call(mapped(self._slope, len(states)), states, controls)
-        numbers = states.shape[1] + self._inputs
-        scaled = self._sides.scaled(slopes.reshape(len(states), numbers, -1).swapaxes(1, 2))
-        return scaled[:, :, : -self._inputs], scaled[:, :, -self._inputs :]
+        size, inputs = states.shape[1], controls.shape[1]
+        scaled = self._sides.scaled(slopes.reshape(len(states), size + inputs, -1).swapaxes(1, 2))
+        return scaled[:, :, :size], scaled[:, :, size:]
 
 
 @kept(most=128)
 def _quantity_functions(system: System, name: str) -> tuple[ca.Function, ca.Function, tuple[int, ...]]:
-    """(x, u) ↦ a quantity's components row by row, (x, u) ↦ their derivative by (x, u), and the quantity's shape."""
-    x, u = ca.SX.sym("x", system.state_space.size), ca.SX.sym("u", system.input_space.size)
-    value = ca.densify(ca.SX(quantity(system, name, x, u)))
+    """(x, u) ↦ a quantity's components row by row, (x, u) ↦ their derivative by (x, u), and the quantity's shape.
+
+    Beside u stands du/dt where a quantity of the system takes it.
+    """
+    inputs = system.input_space.size
+    x, u = ca.SX.sym("x", system.state_space.size), ca.SX.sym("u", (1 + system.accelerated) * inputs)
+    value = ca.densify(ca.SX(quantity(system, name, x, u[:inputs], u[inputs:])))
     flat = ca.reshape(value.T, -1, 1)
     slope = ca.densify(ca.jacobian(flat, ca.vertcat(x, u)))
     shape = tuple(size for size in value.shape if size != 1)
@@ -230,7 +260,7 @@ class _Clearance(_Family):
         self._orientation = np.sign(self._numeric.determinants(problem.start_point[None])[self._name][0])
         lower, upper = (float(np.asarray(side).ravel()[0]) for side in (bound.lower, bound.upper))
         pair = replace(bound, lower=np.array([lower, lower]), upper=np.array([upper, np.inf]))
-        self._sides, self._inputs = _sides(pair, (2,)), problem.system.input_space.size
+        self._sides = _sides(pair, (2,))
 
     def _decomposed(self, states: Array) -> tuple[Array, Array, Array, Array]:
         """a (k, 2, rows), σ (k, 2), b (k, 2, columns) of the two least singular values, and the least one's sign."""
@@ -253,7 +283,7 @@ class _Clearance(_Family):
         turned = mapped(_weighted_matrix_slope(self._numeric.system, self._name), len(states))
         columns = [call(turned, states, weights[:, j].swapaxes(1, 2))[0] for j in range(2)]
         scaled = self._sides.scaled(np.stack(columns, axis=1))
-        return scaled, np.zeros((*scaled.shape[:2], self._inputs))
+        return scaled, np.zeros((*scaled.shape[:2], controls.shape[1]))
 
 
 @kept(most=64)

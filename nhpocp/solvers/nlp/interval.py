@@ -22,6 +22,7 @@ from nhpocp.objectives.registry import OBJECTIVES
 from nhpocp.problem import PlanningProblem
 from nhpocp.solvers.nlp.task_rows import TaskRows, basis_table, stage_knots
 from nhpocp.state_space import StateSpace
+from nhpocp.systems.leg_accelerations import LEG_ACCELERATIONS
 from nhpocp.systems.numeric import numeric_system
 from nhpocp.systems.system import System
 from nhpocp.task import Task
@@ -75,6 +76,8 @@ class Interval:
         d, m = space.dimension, system.input_space.size
         self.statics = (m * basis.size if basis else 0) + int(self.free_horizon)
         self.dimension, self.nodes, self.controls = d, d + self.statics, 0 if basis else m
+        self.sees_slopes = basis is not None and any(b.quantity == LEG_ACCELERATIONS for b in self.bounds)
+        self.seen = (1 + self.sees_slopes) * (basis.size if basis else 0)
         self.rows: list[StatedRow] = []
         self.shot = self._shot()
 
@@ -85,7 +88,7 @@ class Interval:
         s = ca.SX.sym("s", self.statics + self.controls)
         here, there = ca.SX.sym("here", space.size), ca.SX.sym("there", space.size)
         interval, step = ca.SX.sym("interval"), ca.SX.sym("step")
-        phi = ca.SX.sym("phi", self.basis.size if self.basis else 0)
+        phi = ca.SX.sym("phi", self.seen)
         units = ca.SX.sym("units", len(UNITS) + len(self.bounds))
         constants = ca.vertcat(here, there, interval, step, units)
         state, control = y[:-1], self._control(s, phi, units)
@@ -95,7 +98,10 @@ class Interval:
         rest = units[UNITS.index("soft")] / (horizon if self.free_horizon else time)
         slope = step * horizon * ca.vertcat(rate, self._integrand(state, control, rest))
         after = space.coordinates(state, there) / scales
-        places, expressions = self._path_rows(state, control, s, units)
+        control_rate = self._control_rate(
+            s, phi, units, horizon if self.free_horizon else self.kind.horizon.fixed
+        )
+        places, expressions = self._path_rows(state, control, control_rate, s, units)
         if self.free_horizon:
             self.rows.append(StatedRow("horizon", *self.kind.horizon.range, 0.0, UNITS.index("time"), False))
             places = np.hstack([places, np.full((len(places), 1), -1)])
@@ -141,7 +147,7 @@ class Interval:
 
         The last of them is cut short where the place lies within it.
         """
-        space, size = self.system.state_space, self.basis.size if self.basis else 0
+        space, size = self.system.state_space, self.seen
         w, here = ca.SX.sym("w", self.nodes + self.controls), ca.SX.sym("here", space.size)
         z, s = w[: self.dimension, :], w[self.dimension :, :]
         knots, tableau = stage_knots(offset, self.steps), self.shot.tableau
@@ -155,7 +161,7 @@ class Interval:
             y = self.shot.step(y, s, constants, phi[tableau.samples(j) - 1 : tableau.samples(j + 1)])
         parameters = [reference]
         if self.basis:
-            parameters.append(basis_table(self.basis, (stage + fractions) / intervals).ravel())
+            parameters.append(self.table((stage + fractions) / intervals).ravel())
         labels = [*(space.tangent_labels[i] for i in task.rows), *task.output_labels]
         return TaskRows(
             stage=stage,
@@ -191,7 +197,19 @@ class Interval:
             return self._input_scales(units) * s[self.statics :, :]
         inputs = self.system.input_space.size
         coefficients = ca.reshape(s[: inputs * self.basis.size, :], self.basis.size, inputs).T
-        return self._input_scales(units) * (coefficients @ phi)
+        return self._input_scales(units) * (coefficients @ phi[: self.basis.size])
+
+    def _control_rate(self, s: ca.SX, phi: ca.SX, units: ca.SX, horizon: Any) -> ca.SX | None:
+        """du/dt of the variables s, with dφ of its time; None where nothing takes it."""
+        if self.basis is None or not self.sees_slopes:
+            return None
+        return self._control(s, phi[self.basis.size :], units) / horizon
+
+    def table(self, shares: Array) -> Array:
+        """What an interval sees of the basis at shares of the horizon, (k, seen): φ, and dφ by the share."""
+        if self.basis is None:
+            return np.zeros((len(shares), 0))
+        return basis_table(self.basis, shares, self.sees_slopes)
 
     def _integrand(self, state: ca.SX, control: ca.SX, rest: ca.SX) -> Any:
         objective = OBJECTIVES[self.kind.objective]
@@ -226,7 +244,7 @@ class Interval:
         return horizon ** (objective.pace + 1) * value
 
     def _path_rows(
-        self, state: ca.SX, control: ca.SX, chosen: ca.SX, units: ca.SX
+        self, state: ca.SX, control: ca.SX, control_rate: ca.SX | None, chosen: ca.SX, units: ca.SX
     ) -> tuple[Array, list[Any]]:
         """Rows at the end of every step, and at the interval's start where the control makes a quantity jump.
 
@@ -234,7 +252,7 @@ class Interval:
         """
         system, scale, expressions, columns = self.system, self.kind.scale, [], []
         for number, bound in enumerate(self.bounds, len(UNITS)):
-            of_bound = bound_rows(bound, system, state, control, scale)
+            of_bound = bound_rows(bound, system, state, control, scale, control_rate)
             places = np.full((self.steps + 1, len(of_bound)), -1)
             for j in range(self.steps + 1):
                 for i, (name, expression, lower, upper) in enumerate(of_bound):

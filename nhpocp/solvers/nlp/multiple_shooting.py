@@ -11,11 +11,13 @@ import numpy as np
 
 from nhpocp import declared
 from nhpocp.constraints.bound import check_bounds
+from nhpocp.constraints.leg_acceleration import lacking_derivative
 from nhpocp.constructed import Constructed
 from nhpocp.controls.piecewise_constant import PiecewiseConstant
 from nhpocp.declared import check
 from nhpocp.errors import CallError, InvalidProblemError, describe
 from nhpocp.flow.compiled.kernels import CompiledWhenReady, Kernels
+from nhpocp.flow.simulation import simulate
 from nhpocp.interruption import Interruption
 from nhpocp.objectives.registry import OBJECTIVES
 from nhpocp.outcome import Outcome
@@ -104,7 +106,8 @@ class MultipleShooting(Constructed):
 
     def _best(self, problem: PlanningProblem, progress: Progress | None) -> Solution:
         basis = problem.basis if self.over_basis else PiecewiseConstant(self.intervals)
-        if words := OBJECTIVES[problem.objective].lacking_control(basis):
+        cost = OBJECTIVES[problem.objective]
+        if words := cost.lacking_control(basis) or lacking_derivative(problem.bounds, basis):
             hint = "" if self.over_basis else "; write control: basis"
             raise InvalidProblemError(f"{words}{hint}", path="solvers.nlp.control")
         ended = list(self._from_starts(problem, progress))
@@ -244,8 +247,12 @@ def _reached(plan: Solution, why: str) -> Solution:
 
 def _taken_over(failed: Solution, plan: Solution) -> Solution | None:
     """A guess that reaches the goal within every bound, where no optimum was found: what there is, in true words."""
-    problem = failed.problem
-    within = all(r.ok for r in check_bounds(problem.bounds, plan.trajectory["t"], plan.trajectory))
+    problem, trajectory = failed.problem, plan.trajectory
+    if lacking_derivative(problem.bounds, plan.control.basis):
+        return None
+    if problem.system.accelerated:  # the guess was made without bounds
+        trajectory = simulate(problem, plan.control).trajectory
+    within = all(r.ok for r in check_bounds(problem.bounds, trajectory["t"], trajectory))
     if problem.horizon.free or not within or not plan.final_error <= failed.tolerance:
         return None
     cost = plan.costs.get(problem.objective)
@@ -256,7 +263,7 @@ def _taken_over(failed: Solution, plan: Solution) -> Solution | None:
         failed,
         final_error=plan.final_error,
         control=plan.control,
-        trajectory=plan.trajectory,
+        trajectory=trajectory,
         costs=plan.costs,
         details=details,
     )

@@ -61,9 +61,13 @@ def stage_knots(offset: float, steps: int) -> Array:
     return np.append(knots, offset) if offset - knots[-1] > 1e-9 else knots
 
 
-def basis_table(basis: ControlBasis, times: Sequence[float] | Array) -> Array:
-    """φ at fractions of the horizon, the last seen from the left: what the steps of one interval need."""
-    table = basis.table(np.asarray(times), 1.0)
+def basis_table(basis: ControlBasis, times: Sequence[float] | Array, slopes: bool = False) -> Array:
+    """φ at fractions of the horizon, the last seen from the left: what the steps of one interval need.
+
+    slopes: beside it the derivative by the fraction.
+    """
+    times, parts = np.asarray(times), [basis.table, *[basis.derivative_table] * slopes]
+    table = np.hstack([part(times, 1.0) for part in parts])
     if len(times) > 1:
-        table[-1] = basis.table(np.asarray(times[-1:]), 1.0, "left")[0]
+        table[-1] = np.hstack([part(times[-1:], 1.0, "left") for part in parts])[0]
     return table

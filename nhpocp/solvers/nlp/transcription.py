@@ -25,7 +25,7 @@ from nhpocp.flow.compiled.kernels import Kernels
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Solution
 from nhpocp.solvers.nlp.interval import UNITS, interval_of, units_of
-from nhpocp.solvers.nlp.task_rows import TaskRows, basis_table, place
+from nhpocp.solvers.nlp.task_rows import TaskRows, place
 
 
 @dataclass(frozen=True)
@@ -166,7 +166,7 @@ class Transcription(ABC):
             edges = np.linspace(0.0, 1.0, self.intervals + 1)
             fractions = self.interval.shot.tableau.times(np.linspace(0.0, 1.0, self.steps + 1))
             seen = [low + (high - low) * fractions for low, high in pairwise(edges)]
-            columns.append(np.array([basis_table(self.basis, times).ravel() for times in seen]).T)
+            columns.append(np.array([self.interval.table(times).ravel() for times in seen]).T)
         return np.vstack(columns)
 
     def _stated(self, k: int) -> list[Row]:

@@ -4,19 +4,39 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from time import monotonic
+from time import thread_time
+from typing import NamedTuple
 
 import numpy as np
 
 from nhpocp.arrays import Array
 from nhpocp.problem import PlanningProblem
-from nhpocp.solvers.route.pose_checks import PoseChecks, least_margins, pose_checks
+from nhpocp.solvers.route.easing import eased
+from nhpocp.solvers.route.loops import Loops, known_loops
+from nhpocp.solvers.route.pose_checks import PoseChecks, pose_checks
 from nhpocp.solvers.route.route import Poses, Route
-from nhpocp.solvers.route.rrt_connect import MISSING, Trees, grown, installed
+from nhpocp.solvers.route.rrt_connect import MISSING, Allowed, Trees, grown, installed
 
-# of σ_min at start or goal, asked for along a route, one after the other, with the share of the time for each
-CLEARANCES = {0.5: 0.15, 0.2: 0.25, 0.05: 0.3, 0.01: 0.3}
-STRAIGHT = (0.5, 0.2)  # a straight motion with that clearance needs no search
+
+class Level(NamedTuple):
+    """What is asked of a route, and what its search may cost.
+
+    clearance: of σ_min, and of what bounds spare, at start or goal, the lesser. most: manoeuvres a unit of length.
+    """
+
+    clearance: float
+    most: float
+    share: float  # of the time
+    edges: float  # that are looked at, most of them in less than the share: the same on every machine
+
+
+LEVELS = (  # one after the other
+    Level(0.5, 15.0, 0.15, 800),
+    Level(0.2, 60.0, 0.25, 3000),
+    Level(0.05, 300.0, 0.3, 8000),
+    Level(0.01, np.inf, 0.3, np.inf),
+)
+STRAIGHT = LEVELS[:2]  # a straight motion that is so needs no search
 KEPT = 0.2  # of a route's clearance, by manoeuvres along it
 
 
@@ -25,12 +45,13 @@ class RouteSearch:
     """How the search for a route ended.
 
     route: None where none was found; words: what is known then. checks: what the poses of manoeuvres along it have to
-    meet.
+    meet. trees: that did not meet, of the last search.
     """
 
     route: Route | None = None
     checks: PoseChecks | None = None
     words: str = ""
+    trees: Trees | None = None
 
 
 def lacking(problem: PlanningProblem) -> str:
@@ -57,32 +78,32 @@ def find_route(
     """A route from start to goal, of which free blocks keep the start's value.
 
     A straight one if that is clear of everything; else the first on which trees meet, asked for much clearance first.
-    seconds: at most. stopped: asked often, whether to give up. Errors: `MissingDependencyError` where OMPL, needed for
-    any but straight routes, is ``required`` and not installed.
+    seconds: of processor time, at most. stopped: asked often, whether to give up.
+    Errors: `MissingDependencyError` where OMPL, needed for any but straight routes, is ``required`` and not installed.
     """
-    ends, words, began = np.stack([problem.start_point, problem.goal_point]), "", monotonic()
-    for clearance in STRAIGHT:
-        poses = _poses(problem, clearance)
+    ends, words, began = np.stack([problem.start_point, problem.goal_point]), "", thread_time()
+    loops, trees = known_loops(problem), None
+    for level in STRAIGHT:
+        poses = _poses(problem, level, loops)
         if poses.free(*ends):
-            return _found(problem, Route(ends, poses), clearance)
+            return _found(problem, Route(ends, poses), level, seed)
     if not required and not installed():
         return RouteSearch(words=f"around what is in the way of the straight motion, {MISSING}")
-    for clearance, share in CLEARANCES.items():
-        poses = _poses(problem, clearance)
+    for level in LEVELS:
+        poses = _poses(problem, level, loops)
         if words := _ends_nowhere(problem, poses):
             continue
-        trees = grown(problem, poses, share * seconds, seed, stopped)
+        trees = grown(problem, poses, Allowed(level.share * seconds, level.edges, stopped), seed)
         if trees.waypoints is not None:
-            route = Route(trees.waypoints, poses).shortened(np.random.default_rng(seed))
-            return _found(problem, route, clearance)
-        words = _growth(problem, poses, trees, monotonic() - began)
+            return _found(problem, Route(trees.waypoints, poses), level, seed)
+        words = _growth(problem, poses, trees, thread_time() - began)
         if stopped():
             break
-    return RouteSearch(words=words)
+    return RouteSearch(words=words, trees=trees)
 
 
-def _poses(problem: PlanningProblem, clearance: float) -> Poses:
-    return Poses(problem, pose_checks(problem, least_margins(problem, clearance)))
+def _poses(problem: PlanningProblem, level: Level, loops: Loops | None) -> Poses:
+    return Poses(problem, pose_checks(problem, level.clearance), loops, level.most if loops else np.inf)
 
 
 def _ends_nowhere(problem: PlanningProblem, poses: Poses) -> str:
@@ -94,8 +115,9 @@ def _ends_nowhere(problem: PlanningProblem, poses: Poses) -> str:
     return ""
 
 
-def _found(problem: PlanningProblem, route: Route, clearance: float) -> RouteSearch:
-    return RouteSearch(route, pose_checks(problem, least_margins(problem, KEPT * clearance)))
+def _found(problem: PlanningProblem, route: Route, level: Level, seed: int) -> RouteSearch:
+    route = eased(route, np.random.default_rng(seed))
+    return RouteSearch(route, pose_checks(problem, KEPT * level.clearance))
 
 
 def _growth(problem: PlanningProblem, poses: Poses, trees: Trees, seconds: float) -> str:
@@ -125,5 +147,5 @@ def _apart(problem: PlanningProblem, poses: Poses, here: Array, there: Array) ->
     for block in space.blocks:
         part = float(np.linalg.norm(tangent[space.tangent_slice(block.name)]))
         angle = block.unit == "angle"
-        parts.append(f"{np.degrees(part):.3g} deg" if angle else f"{part:.3g}")
+        parts.append((f"{np.degrees(part):.3g} deg" if angle else f"{part:.3g}") + f" in {block.name}")
     return " and ".join(parts)

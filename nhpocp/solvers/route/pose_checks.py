@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import accumulate, pairwise
 
@@ -12,16 +12,16 @@ import casadi as ca
 import numpy as np
 
 from nhpocp.arrays import Array
-from nhpocp.calls import call, mapped
+from nhpocp.calls import call, of_many
 from nhpocp.constraints.bound import Bound, in_shape
 from nhpocp.objectives.quantity import quantity
 from nhpocp.problem import PlanningProblem
 from nhpocp.singular_values import svd
+from nhpocp.systems.leg_accelerations import LEG_ACCELERATIONS
 from nhpocp.systems.margins import det, sigma
 from nhpocp.systems.numeric import numeric_system
 from nhpocp.systems.system import System
 
-AT_ONCE = 64  # poses
 WITHIN = 5e-4  # of its size: by how much a bound may be passed, half of what verification forgives
 STEEP = 20.0  # times as fast as at start or goal: how fast unit inputs may move a system that has no margins
 
@@ -77,10 +77,11 @@ class OnOneSide(PoseCheck):
 
 @dataclass(frozen=True)
 class Within(PoseCheck):
-    """A bound on a quantity that the pose alone decides."""
+    """A bound on a quantity that the pose alone decides. reserve: by what part of its limit it is kept at least."""
 
     system: System
     bound: Bound
+    reserve: float = 0.0
 
     @property
     def name(self) -> str:  # type: ignore[override]
@@ -95,7 +96,7 @@ class Within(PoseCheck):
     @cached_property
     def applies(self) -> bool:
         """Whether it is a quantity that no control changes."""
-        if self.bound.margin:
+        if self.bound.margin or self.bound.quantity == LEG_ACCELERATIONS:
             return False
         state = ca.SX.sym("x", self.system.state_space.size)
         control = ca.SX.sym("u", self.system.input_space.size)
@@ -106,7 +107,7 @@ class Within(PoseCheck):
         lower, upper, below, above = self._sides
         room = np.where(np.isfinite(lower), (numbers - lower) / below, room)
         room = np.where(np.isfinite(upper), np.minimum(room, (upper - numbers) / above), room)
-        return np.where(np.isfinite(numbers).all(axis=1), room.min(axis=1), -1.0) + WITHIN
+        return np.where(np.isfinite(numbers).all(axis=1), room.min(axis=1), -1.0) + WITHIN - self.reserve
 
     @cached_property
     def _sides(self) -> list[Array]:
@@ -161,7 +162,7 @@ class PoseChecks:
     def slacks(self, poses: Array) -> Array:
         """(k, checks) of poses (k, size)."""
         self.poses += len(poses)
-        numbers = self._many(self._numbers, poses)
+        numbers = of_many(self._numbers, poses)
         with np.errstate(all="ignore"):
             return np.stack(
                 [c.slack(numbers[:, p]) for c, p in zip(self.checks, self._parts, strict=True)], axis=1
@@ -178,7 +179,7 @@ class PoseChecks:
     def between(self, here: Array, tangent: Array, fractions: Array) -> Array:
         """Poses (k, size) along a tangent from one of them."""
         k = len(fractions)
-        return self._many(self._between, np.tile(here, (k, 1)), np.tile(tangent, (k, 1)), fractions[:, None])
+        return of_many(self._between, np.tile(here, (k, 1)), np.tile(tangent, (k, 1)), fractions[:, None])
 
     def refuse(self, slacks: Array) -> bool:
         """Whether one of the poses with these slacks (k, checks) is not valid; what says so is counted."""
@@ -188,34 +189,28 @@ class PoseChecks:
                 self.refusals[check.name] += 1
         return not (worst > 0).all()
 
-    def _many(self, function: ca.Function, *arguments: Array) -> Array:
-        """A function of samples, few sizes of which are made."""
-        results = []
-        for first in range(0, len(arguments[0]), AT_ONCE):
-            parts = [rows[first : first + AT_ONCE] for rows in arguments]
-            size = len(parts[0])
-            lanes = np.arange(1 << (size - 1).bit_length())
-            padded = (rows.take(lanes, axis=0, mode="clip") for rows in parts)
-            results.append(call(mapped(function, len(lanes)), *padded)[0][:size])
-        return np.concatenate(results)
 
-
-def pose_checks(problem: PlanningProblem, least: dict[str, float]) -> PoseChecks:
+def pose_checks(problem: PlanningProblem, fraction: float) -> PoseChecks:
     """What the poses of a problem's motion have to meet.
 
-    least: σ_min of each separating matrix, which the problem's own bounds may raise.
+    fraction: of what start and goal have to spare, the lesser of them, that is kept: from det = 0 and from the bounds.
     """
     system, start = problem.system, problem.start_point
     numeric = numeric_system(system)
     checks: list[PoseCheck] = []
+    least = least_margins(problem, fraction)
     determinants = numeric.determinants(start[None])
     for name in system.separating():
         sign = float(np.sign(determinants[name][0]))
         checks.append(OnOneSide(system, name, sign, least[name], problem.scale))
     if not checks:
         checks.append(_not_steep(problem))
-    within = [Within(system, bound) for bound in problem.bounds]
-    return PoseChecks(system, [*checks, *(check for check in within if check.applies)])
+    within = [check for bound in problem.bounds if (check := Within(system, bound)).applies]
+    if within:
+        ends = PoseChecks(system, within).slacks(np.stack([start, problem.goal_point])).min(axis=0)
+        spared = fraction * np.maximum(ends - WITHIN, 0.0)
+        checks += [replace(check, reserve=float(part)) for check, part in zip(within, spared, strict=True)]
+    return PoseChecks(system, checks)
 
 
 def least_margins(problem: PlanningProblem, fraction: float) -> dict[str, float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -11,19 +12,29 @@ import numpy as np
 from nhpocp.arrays import Array
 from nhpocp.problem import PlanningProblem
 from nhpocp.solvers.route.edges import free
+from nhpocp.solvers.route.loops import Loops
 from nhpocp.solvers.route.pose_checks import PoseChecks
 
-SHORTCUTS = 100  # tried
 LONGEST = np.pi - 0.05  # [rad]: a turn by more has two directions
+APART = 0.2  # in units of the scales: where a motion is looked at for what it takes
+NARROW, WIDE = 0.02, 0.5  # of a slack: least and most of the room that counts
+STEEPEST = 50.0  # area of loops for each unit of length, as which more counts: of a surface that is crossed
+LEAST = 0.2  # manoeuvres for each unit of length
 
 
 class Poses:
-    """The poses of a problem as a space that can be measured: tangents in units of the problem's scales."""
+    """The poses of a problem as a space that can be measured: tangents in units of the problem's scales.
 
-    def __init__(self, problem: PlanningProblem, checks: PoseChecks) -> None:
-        self.checks, self.scales = checks, problem.scales.states
+    loops: what motions take of the system, where that is known. most: manoeuvres for each unit of length of an edge.
+    """
+
+    def __init__(
+        self, problem: PlanningProblem, checks: PoseChecks, loops: Loops | None = None, most: float = np.inf
+    ) -> None:
+        self.checks, self.scales, self.loops, self.most = checks, problem.scales.states, loops, most
         space = problem.system.state_space
         self._turns = [space.tangent_slice(block.name) for block in space.blocks if block.kind == "rotation"]
+        self._measured: dict[tuple[bytes, bytes], float] = {}
 
     def tangent(self, there: Array, here: Array) -> tuple[Array, float]:
         """From one pose to another, and how long that is; infinite where it would be a half turn."""
@@ -33,10 +44,37 @@ class Poses:
         )
         return tangent, np.inf if far else float(np.linalg.norm(tangent / self.scales))
 
-    def free(self, here: Array, there: Array) -> bool:
+    def valid(self, here: Array, there: Array) -> bool:
         """Whether the straight motion from one pose to another is valid."""
         tangent, size = self.tangent(there, here)
         return bool(np.isfinite(size)) and free(self.checks, here, tangent, size)
+
+    def free(self, here: Array, there: Array) -> bool:
+        """Whether it is valid, and not too laborious."""
+        if not self.valid(here, there):
+            return False
+        size = self.tangent(there, here)[1]
+        return self.most == np.inf or self.manoeuvres(here, there) <= (self.most + LEAST) * size
+
+    def manoeuvres(self, here: Array, there: Array) -> float:
+        """How many the straight motion takes, about; infinite where it would be a half turn."""
+        key = here.tobytes(), there.tobytes()
+        if key not in self._measured:
+            tangent, size = self.tangent(there, here)
+            dense = self._density(here, tangent, size) if 0.0 < size < np.inf else 0.0
+            self._measured[key] = size * (LEAST + dense)
+        return self._measured[key]
+
+    def _density(self, here: Array, tangent: Array, size: float) -> float:
+        """For each unit of length, on the average.
+
+        A circle whose radius is the room around a pose encloses so much of the area of `Loops` that the motion takes.
+        """
+        count = 2 + int(size / APART)
+        poses = self.checks.between(here, tangent, (np.arange(count) + 0.5) / count)
+        room = np.clip(self.checks.slacks(poses).min(axis=1, initial=WIDE), NARROW, WIDE)
+        areas = self.loops.areas(poses, tangent / size) if self.loops else np.ones(count)
+        return float((np.minimum(areas, STEEPEST) / (np.pi * room**2)).mean())
 
 
 @dataclass(frozen=True)
@@ -55,10 +93,22 @@ class Route:
         lengths = [self.poses.tangent(there, here)[1] for here, there in pairwise(self.waypoints)]
         return np.array([0.0, *np.cumsum(lengths)])
 
+    @cached_property
+    def _counts(self) -> Array:
+        """The manoeuvres up to each of its waypoints."""
+        return np.array(
+            [0.0, *np.cumsum([self.poses.manoeuvres(*ends) for ends in pairwise(self.waypoints)])]
+        )
+
     @property
     def length(self) -> float:
         """In units of the problem's scales."""
         return float(self._knots[-1])
+
+    def manoeuvres(self, first: float, last: float) -> float:
+        """How many the part between two lengths takes, about."""
+        before, after = np.interp([first, last], self._knots, self._counts)
+        return float(after - before)
 
     def at(self, length: float) -> Array:
         """The pose after that much of the route."""
@@ -74,33 +124,6 @@ class Route:
         """The waypoints that are still to come after that much of the route, (k, size)."""
         return self.waypoints[self._knots > length]
 
-    def shortened(self, random: np.random.Generator) -> Route:
-        """With straight parts wherever two of its poses see each other and that is shorter."""
-        route = self
-        for _ in range(SHORTCUTS):
-            if len(route.waypoints) == 2:
-                break
-            first, last = np.sort(random.uniform(0.0, route.length, 2))
-            ends = route.at(first), route.at(last)
-            if self.poses.tangent(ends[1], ends[0])[1] < 0.99 * (last - first) and self.poses.free(*ends):
-                before = route.waypoints[route._knots < first]
-                after = route.waypoints[route._knots > last]
-                route = Route(np.vstack([before, *ends, after]), self.poses)
-        return route.merged()
-
-    def merged(self) -> Route:
-        """Without the waypoints that can be left out."""
-        kept, here = [self.waypoints[0]], 0
-        while here < len(self.waypoints) - 1:
-            seen = next(
-                (k for k in range(len(self.waypoints) - 1, here + 1, -1) if self._skips(here, k)), here + 1
-            )
-            kept.append(self.waypoints[seen])
-            here = seen
-        return Route(np.array(kept), self.poses)
-
-    def _skips(self, first: int, last: int) -> bool:
-        shorter = self.poses.tangent(self.waypoints[last], self.waypoints[first])[1]
-        return shorter <= 1.001 * (self._knots[last] - self._knots[first]) and self.poses.free(
-            self.waypoints[first], self.waypoints[last]
-        )
+    def by(self, first: float, way: Sequence[Array], last: float) -> Route:
+        """With other poses between two lengths, those at them included."""
+        return Route(np.vstack([self.waypoints[self._knots < first], *way, self.after(last)]), self.poses)

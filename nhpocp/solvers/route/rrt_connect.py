@@ -7,7 +7,7 @@ import gc
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
-from time import monotonic
+from time import thread_time
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,7 @@ from nhpocp.state_space import Block
 
 MISSING = 'routes need OMPL; install it with: pip install "nhpocp[routes]"'
 RANGE = 1.0  # of the pose's scales: the longest edge of a tree
+SELDOM = 8  # edges, after which the time is looked at
 ROOM = 2.0  # of its scale, beside start and goal: where a coordinate without bounds is looked for
 HALF_TURN = np.pi  # beside start and goal, likewise of an angle
 
@@ -29,12 +30,14 @@ HALF_TURN = np.pi  # beside start and goal, likewise of an angle
 class Trees:
     """What a search ended with.
 
-    waypoints: of a route, (k, size); None where there is none. start, goal: the poses of either tree, (k, size).
+    waypoints: of a route, (k, size); None where there is none. start, goal: the poses of either tree, (k, size), the
+    root first. parents: of either tree the place of the pose that each grew from, (k,); a root's is its own.
     """
 
     waypoints: Array | None
     start: Array
     goal: Array
+    parents: tuple[Array, Array] = (np.zeros(1, dtype=int), np.zeros(1, dtype=int))
 
 
 def installed() -> bool:
@@ -63,10 +66,20 @@ def _collected_at_exit() -> None:
     atexit.register(gc.unfreeze)
 
 
-def grown(
-    problem: PlanningProblem, poses: Poses, seconds: float, seed: int, stopped: Callable[[], bool]
-) -> Trees:
-    """Trees from start and goal until they meet, the time is over or ``stopped`` says so.
+@dataclass(frozen=True)
+class Allowed:
+    """What a search may cost.
+
+    seconds: of processor time. edges: that are looked at. stopped: asked often, whether to give up.
+    """
+
+    seconds: float
+    edges: float
+    stopped: Callable[[], bool]
+
+
+def grown(problem: PlanningProblem, poses: Poses, allowed: Allowed, seed: int) -> Trees:
+    """Trees from start and goal until they meet, or no more is allowed.
 
     Whatever is OMPL's is gone when this returns: objects of its own that live at the end of Python make it complain.
     Errors: `MissingDependencyError` where OMPL is not installed.
@@ -77,13 +90,18 @@ def grown(
     space = packing.space(base)
     information = base.SpaceInformation(space)
 
-    deadline = monotonic() + seconds
+    deadline, looked, late = thread_time() + allowed.seconds, 0, False
 
     def over() -> bool:
-        return monotonic() > deadline or stopped()
+        nonlocal late
+        if looked % SELDOM == 0:  # to ask takes as long as to look at an edge
+            late = thread_time() > deadline
+        return late or looked > allowed.edges or allowed.stopped()
 
     class Edges(base.MotionValidator):  # type: ignore[name-defined]
         def checkMotion(self, here: Any, there: Any, *last: Any) -> bool:  # OMPL advances as long as it may
+            nonlocal looked
+            looked += 1
             return not over() and poses.free(packing.point(here), packing.point(there))
 
     validator = Edges(information)
@@ -107,14 +125,27 @@ def grown(
         waypoints[0], waypoints[-1] = problem.start_point, problem.goal_point
     data = base.PlannerData(information)
     planner.getPlannerData(data)
-    sides: dict[int, list[Array]] = {1: [], 2: []}  # OMPL's tags of the two trees
-    for place in range(data.numVertices()):
-        vertex = data.getVertex(place)
-        sides[vertex.getTag()].append(packing.point(vertex.getState()))
+    # OMPL's tags of the two trees; the edges of the second lead to its root
+    start, goal = _tree(data, packing, 1, data.getIncomingEdges), _tree(data, packing, 2, data.getEdges)
     roots = problem.start_point, problem.goal_point
-    return Trees(
-        waypoints, *(np.array(side or [root]) for side, root in zip(sides.values(), roots, strict=True))
+    (poses, parents), (others, of_others) = (
+        tree if len(tree[0]) else (root[None], np.zeros(1, dtype=int))
+        for tree, root in zip((start, goal), roots, strict=True)
     )
+    return Trees(waypoints, poses, others, (parents, of_others))
+
+
+def _tree(
+    data: Any, packing: _Packing, tag: int, towards_root: Callable[[int], list[int]]
+) -> tuple[Array, Array]:
+    """Poses of a tree, the root first, and the place of the one that each grew from."""
+    states = {v: data.getVertex(v) for v in range(data.numVertices())}
+    before = {v: next(iter(towards_root(v)), v) for v, vertex in states.items() if vertex.getTag() == tag}
+    before = {v: parent if parent in before else v for v, parent in before.items()}
+    order = sorted(before, key=lambda v: before[v] != v)
+    places = {v: place for place, v in enumerate(order)}
+    poses = np.array([packing.point(states[v].getState()) for v in order])
+    return poses, np.array([places[before[v]] for v in order], dtype=int)
 
 
 class _Packing:

@@ -2,4 +2,4 @@
 
 ROUTES = ("auto", "always", "never")
 ROUTE = "whether step_rule auto makes manoeuvres along a route of poses: after its quick ways, before them, or not"
-ROUTE_SECONDS = "how long a route is looked for, at most"
+ROUTE_SECONDS = "processor time [s] for which a route is looked for, at most"

@@ -471,6 +471,12 @@ def test_numbers_that_overflow_prove_nothing():
         assert agree([np.array([1.0, other])], overflowed, overflowed) is None
 
 
+def test_numbers_that_rounding_decides_prove_nothing():
+    expected, other = [np.array([1.0, 2.0])], [np.array([1.0, 2.1])]
+    assert agree(other, expected, [np.array([1.0, 2.0 + 1e-9])]) is False
+    assert agree(other, expected, [np.array([1.0, 2.01])]) is None
+
+
 @needs_compiler
 def test_one_kernel_serves_every_grid_and_tightened_bounds(cache, quick):
     for intervals, steps, limit in ((9, 1, 9.0), (4, 3, 9.0), (17, 2, 8.0)):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,7 +16,6 @@ from nhpocp.flow.end_point_map import DifferentiatedEndPointMap
 from nhpocp.flow.integrators import RungeKutta4
 from nhpocp.outcome import Outcome
 from nhpocp.problem import PlanningProblem
-from nhpocp.problem_file import load_problem
 from nhpocp.problem_file.registry import SYSTEMS
 from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.initial_control import RANK, NoStartError, initial_coefficients, seeded_start
@@ -26,12 +24,11 @@ from nhpocp.solvers.nlp.guesses import ProblemGuess
 from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting
 from tests import wheels
 from tests.analysis.test_growth import Leaves
-from tests.conftest import PAPER_START, paper_problem
+from tests.conftest import LIBRARY, PAPER_START, library_problem, paper_problem
 
-LIBRARY = [load_problem(file) for file in sorted((Path(__file__).parents[3] / "problems").glob("*.yaml"))]
 REGISTERED = {
     problem.system.model: problem
-    for problem in reversed(LIBRARY)
+    for problem in map(library_problem, reversed(LIBRARY))
     if "outcome" not in problem.reference.get("jacobian", {})
 }
 BASES = (

@@ -1,7 +1,6 @@
 """Goals planned side by side: the plans of the solver itself, and what is left to it."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,7 +8,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-import nhpocp
 from nhpocp.constraints.bound import Bound
 from nhpocp.flow.end_point_map import flow_through
 from nhpocp.flow.integrators import RungeKutta4
@@ -20,9 +18,8 @@ from nhpocp.solvers.continuation.lockstep import reached_together
 from nhpocp.solvers.continuation.step_rules import Adaptive, Euler
 from nhpocp.solvers.continuation.trust_region import next_radius, within_radius
 from nhpocp.solvers.metrics import L2Metric
-from tests.conftest import paper_problem
+from tests.conftest import LIBRARY, library_problem, paper_problem
 
-FILES = sorted((Path(__file__).parents[3] / "problems").glob("*.yaml"))
 # one goal at a time, or none: an abnormal extremal, an impossible task, an arm's tip, a truck at rest
 ALONE = {"cartan_line", "equal_spheres", "mobile_manipulator", "truck_docking"}
 ADAPTIVE = Continuation(step_rule=Adaptive(), max_iterations=40)
@@ -39,9 +36,9 @@ class Own(Continuation):
     """A solver of somebody's own."""
 
 
-def bare(file):
+def bare(name):
     """A problem of the library without its bounds and via poses, with a control to begin with."""
-    problem = nhpocp.load_problem(file)
+    problem = library_problem(name)
     shape = problem.system.input_space.size, problem.basis.size
     initial = problem.initial
     if initial is None:
@@ -61,9 +58,9 @@ def perturbed_goals(problem, count):
     return found
 
 
-@pytest.mark.parametrize("file", FILES, ids=[file.stem for file in FILES])
-def test_the_plans_are_the_solvers_own(file):
-    problem = bare(file)
+@pytest.mark.parametrize("name", LIBRARY)
+def test_the_plans_are_the_solvers_own(name):
+    problem = bare(name)
     problems = [problem.towards(goal) for goal in perturbed_goals(problem, 6)]
     together = reached_together(ADAPTIVE, problems)
     reached = 0
@@ -77,7 +74,7 @@ def test_the_plans_are_the_solvers_own(file):
         assert plan.message == alone.message
         size = np.abs(alone.control.coefficients).max()
         np.testing.assert_allclose(plan.coefficients, alone.control.coefficients, atol=1e-8 * size)
-    assert reached >= (0 if file.stem in ALONE else 3)
+    assert reached >= (0 if name in ALONE else 3)
 
 
 def test_every_metric_and_a_goal_in_some_coordinates():

@@ -114,7 +114,7 @@ def test_merging_never_costs_more_and_ends_near_the_least(steps_aside):
 
 def test_a_merged_plan_is_verified_and_says_what_it_was(steps_aside):
     search = auto._Search(Auto(Continuation(step_rule=Adaptive(), objective="effort")), aside(), None)
-    result = search._joined(steps_aside)
+    result = search._joined(steps_aside, 0)
     assert result.outcome is Outcome.CONVERGED
     assert "effort 11." in result.message
     assert result.details["stationary"]
@@ -150,7 +150,7 @@ def test_an_interruption_hands_back_the_joined_plan(steps_aside, monkeypatch):
 
     monkeypatch.setattr(Merging, "run", interrupted)
     search = auto._Search(Auto(Continuation(step_rule=Adaptive(), objective="effort")), aside(), None)
-    result = search._joined(steps_aside)
+    result = search._joined(steps_aside, 0)
     assert (result.outcome, result.message) == (Outcome.INTERRUPTED, STOPPED)
     np.testing.assert_allclose(end(aside(), result.control), aside().goal_point, atol=TOLERANCE)
     assert replace(result, outcome=Outcome.CONVERGED).control.effort > 2 * LEAST

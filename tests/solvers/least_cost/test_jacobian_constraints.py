@@ -7,6 +7,8 @@ import pytest
 
 from nhpocp import planning, so3
 from nhpocp.constraints.bound import Bound
+from nhpocp.controls.basis import ControlBasis
+from nhpocp.controls.bspline import BSpline
 from nhpocp.controls.fourier import Fourier
 from nhpocp.controls.piecewise_constant import PiecewiseConstant
 from nhpocp.flow.dynamics import Dynamics
@@ -69,6 +71,11 @@ def output_bound(free):
     return [Bound("state.joint_angles", "joint_angles", -np.inf, limits)]
 
 
+def leg_acceleration(free):
+    limit = 0.9 * np.abs(free["leg_accelerations"]).max()
+    return [Bound("leg_acceleration", "leg_accelerations", -limit, limit)]
+
+
 KINDS = [leg_length, leg_speed, control, control_of_each_input, clearance, state_box, output_bound]
 
 
@@ -93,7 +100,7 @@ def excess_on_1000_points(solution):
     """The worst relative excess over any bound on a grid that is neither a solver's nor the verdict's."""
     problem, numeric = solution.problem, numeric_system(solution.problem.system)
     samples = sample(replay(numeric, solution.control, problem.start_point), solution.control, 1013)
-    trajectory = numeric.trajectory(samples.states, samples.controls, problem.scale)
+    trajectory = numeric.trajectory(samples.states, samples.controls, problem.scale, samples.control_rates)
     return max(bound.relative_excess(trajectory[bound.quantity]).max() for bound in problem.bounds)
 
 
@@ -120,6 +127,18 @@ def test_the_nlp_honours_every_constraint(kind, preset):
     assert solution.outcome is Outcome.CONVERGED, solution.message
     assert all(report.ok for report in solution.verdict.bounds)
     assert excess_on_1000_points(solution) <= 1e-3
+
+
+def test_the_jacobian_method_honours_accelerations():
+    free = planning.solve(
+        paper_problem(goal=GOAL, bounds=[Bound("wide", "leg_accelerations", -1e6)]), solver()
+    )
+    problem = paper_problem(goal=GOAL, bounds=leg_acceleration(free.trajectory))
+    solution = planning.solve(problem, solver())
+    assert solution.outcome is Outcome.CONVERGED, solution.message
+    assert excess_on_1000_points(solution) <= 1e-5
+    (limit,) = {bound.upper for bound in problem.bounds}
+    assert np.abs(solution.trajectory["leg_accelerations"]).max() == pytest.approx(limit, rel=1e-2)
 
 
 def test_the_least_effort_within_bounds_is_the_nlp_s_over_the_same_basis():
@@ -204,12 +223,19 @@ ALL = [
 ]
 
 
+ACCELERATED = [*ALL, Bound("leg_acceleration", "leg_accelerations", -150, 100)]
+
+
 @pytest.mark.parametrize("preset", [*PRESETS, "paper_conjecture"])
-@pytest.mark.parametrize("basis", [Fourier(2), PiecewiseConstant(7)], ids=lambda basis: basis.kind)
-def test_rows_are_the_relative_excess_and_their_derivatives_are_right(preset, basis):
+@pytest.mark.parametrize(
+    ("basis", "bounds"),
+    [(Fourier(2), ALL), (PiecewiseConstant(7), ALL), (BSpline(1, 3), ACCELERATED)],
+    ids=lambda part: part.kind if isinstance(part, ControlBasis) else len(part),
+)
+def test_rows_are_the_relative_excess_and_their_derivatives_are_right(preset, basis, bounds):
     random = np.random.default_rng(3)
     start = 0.7 * random.normal(size=(3, basis.size))
-    problem = paper_problem(preset, bounds=ALL, basis=basis, initial=start)
+    problem = paper_problem(preset, bounds=bounds, basis=basis, initial=start)
     integrator = RungeKutta4(50)
     times = integrator.grid(basis, 1.0)
     rows = PathRows(problem, basis, 1.0, times)
@@ -219,10 +245,11 @@ def test_rows_are_the_relative_excess_and_their_derivatives_are_right(preset, ba
         return rows.values(flow.states(problem.start_point, coefficients), coefficients)
 
     # the rows that look at a sample say what the bounds say there, but for how far inside they are meant to be
+    control = problem.control(start)
     trajectory = numeric_system(problem.system).trajectory(
-        flow.states(problem.start_point, start), problem.control(start)(times), problem.scale
+        flow.states(problem.start_point, start), control(times), problem.scale, control.derivative(times)
     )
-    worst = max(bound.relative_excess(trajectory[bound.quantity]).max() for bound in ALL)
+    worst = max(bound.relative_excess(trajectory[bound.quantity]).max() for bound in bounds)
     signs = np.sign(trajectory["det_w"] * trajectory["det_w"][0])
     if (signs > 0).all():  # beyond det W = 0 the rows go on growing, the excess does not
         assert -values(start).min() == pytest.approx(worst, abs=5e-3)

@@ -7,10 +7,12 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from nhpocp.constraints.bound import Bound, bound_rows
+from nhpocp.controls.bspline import BSpline
 from nhpocp.controls.control import Control
 from nhpocp.controls.fourier import Fourier
 from nhpocp.controls.piecewise_constant import PiecewiseConstant
 from nhpocp.flow.compiled.kernels import Interpreted
+from nhpocp.flow.simulation import simulate
 from nhpocp.horizon import Horizon
 from nhpocp.solvers.nlp.guesses import ProblemGuess, follow, make_guess
 from nhpocp.solvers.nlp.single_shooting import SingleShooting
@@ -28,16 +30,19 @@ OUTPUTS = {"leg_lengths": [38, 39, 40], "platform_normal": [0.1, -0.1, 1]}
 BOUNDS = {
     "leg_length": Bound("leg_length", "leg_lengths", 20.0, 60.0),
     "leg_speed": Bound("leg_speed", "u", -200.0, 200.0),
+    "leg_acceleration": Bound("leg_acceleration", "leg_accelerations", -200.0, 200.0),
     "control": Bound("control", "v", [-1.0, -2.0, -np.inf], [1.0, np.inf, 3.0]),
     "sigma_s": Bound("clearance", "sigma_s", 0.05),
     "sigma_w": Bound("clearance", "sigma_w", 0.05),
     "state": Bound("state.position", "position", [-10, -10, 15], [10, 10, 45]),
 }
-ALL = list(BOUNDS)
+ALL = [name for name in BOUNDS if name != "leg_acceleration"]  # which takes a basis without jumps
 FAMILY = [
     {"bounds": ALL},
     {"bounds": ALL, "basis": Fourier(1), "steps": 2},
     {"basis": Fourier(2)},
+    {"basis": Fourier(1), "bounds": ["leg_acceleration"], "via": [Via(0.4, POSITION)], "steps": 2},
+    {"basis": BSpline(1, 2), "bounds": ["leg_acceleration", "control"], "horizon": Horizon(1.5, 0.5, 3.0)},
     {"objective": "leg_effort", "steps": 2},
     {"objective": "path_length", "basis": Fourier(1)},
     {"objective": "time", "horizon": Horizon(1.0, 0.5, 3.0), "bounds": ["control"]},
@@ -135,6 +140,31 @@ def test_rows_are_named_with_their_times():
     assert min(row.time for row in programme.rows if row.name == "leg_length[0]") > 0
     names = {row.name for row in programme.rows if not row.stated}
     assert {"continuity of position[2] at node 3", "start of position[0]", "goal of orientation[2]"} <= names
+
+
+@pytest.mark.parametrize(
+    ("basis", "horizon"),
+    [(Fourier(2), Horizon(0.8)), (BSpline(2, 3), Horizon(0.8, 0.5, 3.0))],
+    ids=["fixed", "free"],
+)
+def test_accelerations_of_legs_are_those_of_the_motion(basis, horizon):
+    bound = BOUNDS["leg_acceleration"]
+    problem = paper_problem(basis=basis, initial=None, horizon=horizon, bounds=[bound])
+    random = np.random.default_rng(0)
+    control = Control(basis, 0.5 * random.normal(size=(3, basis.size)), 0.8)
+    guess = Guess(follow(problem, control, INTERVALS, 40), control)
+    programme = StagedTranscription(problem, guess, basis, INTERVALS, 3, problem.bounds, INTERPRETED)
+    values = np.array(programme.functions["nlp"](programme.pack(guess), [])[1]).ravel()
+    motion = simulate(problem.with_(samples=INTERVALS + 1), control).trajectory["leg_accelerations"]
+    rows = [
+        (i, row) for i, row in enumerate(programme.rows) if row.stated and row.name.startswith(bound.label)
+    ]
+    seen = [(i, row) for i, row in rows if abs(row.time * INTERVALS - round(row.time * INTERVALS)) < 1e-9]
+    assert {row.name for _, row in seen} == {f"leg_acceleration[{leg}]" for leg in range(3)}
+    assert {round(row.time * INTERVALS) for _, row in seen} == {0, 1, 2, 3}
+    for i, row in seen:
+        there = motion[round(row.time * INTERVALS), int(row.name[-2])]
+        assert values[i] * row.unit == pytest.approx(there, rel=1e-3, abs=1e-2)
 
 
 def test_rows_that_the_goal_fixes_are_free():

@@ -14,11 +14,11 @@ from nhpocp.controls.table import Gram, Table
 from nhpocp.flow.compiled.c_functions import LANES, Lanes
 from nhpocp.flow.compiled.sweep_source import path_source, slots
 from nhpocp.flow.runge_kutta import Grid
+from nhpocp.foreseen import ON_THE_SURFACE
 from nhpocp.machine.export.planner import algebra_text, answer_text, loop_text, path_text
 from nhpocp.machine.export.planner.numbers_text import array, defined, enumerated, lines
 from nhpocp.machine.export.planner.parts import Parts
 from nhpocp.outcome import Outcome
-from nhpocp.planning import ON_THE_SURFACE
 from nhpocp.scales import LEAST
 from nhpocp.solvers.continuation import stop_criteria, trust_region
 from nhpocp.solvers.continuation.generalized_inverses import MoorePenrose

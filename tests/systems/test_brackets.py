@@ -9,10 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from nhpocp.analysis import brackets
-from nhpocp.analysis.brackets import LieAlgebra, TooLargeError, bracket, hall_words
 from nhpocp.problem_file.registry import SYSTEMS, system_class
 from nhpocp.state_space import StateSpace, rotation, scalar, vector
+from nhpocp.systems import brackets
+from nhpocp.systems.brackets import LieAlgebra, TooLargeError, bracket, hall_words
 
 SPACE = StateSpace([vector("p", 2, "length"), rotation("A"), scalar("s"), rotation("B")])
 SEEDS = st.integers(0, 10**6)

@@ -1,0 +1,110 @@
+"""The way along routes of poses: a route, manoeuvres along it, and another where those do not lead to the end."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, Protocol
+
+import numpy as np
+
+from nhpocp.controls.control import Control
+from nhpocp.interruption import Interruption
+from nhpocp.problem import PlanningProblem
+from nhpocp.solvers.continuation.continuation import Continuation
+from nhpocp.solvers.continuation.route_manoeuvres import RouteManoeuvres
+from nhpocp.solvers.route.find_route import find_route, lacking
+from nhpocp.solvers.route.sketch import sketched_route, sketched_trees
+
+ATTEMPTS = 4  # with other seeds
+PATIENCE = 80.0  # manoeuvres that a route may seem to take, before another is tried
+DELICATE = 3e5  # times what a start is off, at the end: the replay's own rounding would then be seen
+
+
+class Told(Protocol):
+    """What hears of the way: the search that it is of."""
+
+    problem: PlanningProblem
+    base: Continuation
+
+    def telling(self, way: str) -> None:
+        """Hears what is being tried."""
+        ...
+
+    def note(self, way: str, outcome: str, error: float) -> None:
+        """How a way ended that leaves no plan."""
+        ...
+
+
+class AlongRoutes:
+    """followed: whether there was a route. no_route: what is known of none, in words.
+
+    sketch: for pictures, of the last route, or of the trees where none was found.
+    """
+
+    def __init__(self, search: Told, seconds: float, required: bool) -> None:
+        """seconds: for which a route is looked for, at most. required: whether OMPL is.
+
+        Errors: `MissingDependencyError` where it is and is not installed.
+        """
+        self._search, self._seconds, self._required = search, seconds, required
+        self.followed, self.no_route = False, ""
+        self.sketch: dict[str, Any] = {}
+
+    def ways(self) -> Iterator[tuple[str, list[Control], int]]:
+        """In words, the manoeuvres, and the steps with which each is known to lead where it does.
+
+        What ends short of the goal, or multiplies errors beyond what a replay can check, is noted. Errors: Ctrl-C's.
+        """
+        search = self._search
+        if lacking(search.problem):
+            return
+        slow: list[RouteManoeuvres] = []
+        for attempt in range(ATTEMPTS):
+            manoeuvres = self._manoeuvres(search.base.seed + attempt)
+            if manoeuvres is None:
+                break
+            self.followed = True
+            self._walked(manoeuvres, PATIENCE)
+            if manoeuvres.arrived:
+                yield from self._ended(manoeuvres)
+            else:
+                slow.append(manoeuvres)
+        if slow:
+            farthest = max(slow, key=lambda one: one.part)
+            self._walked(farthest, np.inf)
+            yield from self._ended(farthest)
+
+    def _walked(self, manoeuvres: RouteManoeuvres, patience: float) -> None:
+        for fraction in manoeuvres.walk(patience):
+            self._search.telling(f"manoeuvres along a route, {fraction:.0%} of it")
+
+    def _ended(self, manoeuvres: RouteManoeuvres) -> Iterator[tuple[str, list[Control], int]]:
+        """Those that lead to the goal; others are noted."""
+        count, ended = len(manoeuvres.controls), ""
+        if not manoeuvres.arrived:
+            ended = f"manoeuvres along a route, stuck after {count} at {manoeuvres.part:.0%} of it"
+        elif manoeuvres.growth > DELICATE:
+            ended = f"{count} manoeuvres along a route, which multiply errors by {manoeuvres.growth:.1g}"
+        if ended:
+            error = self._search.problem.goal_error(manoeuvres.here)
+            self._search.note(ended, "stagnated", error)
+            return
+        words = f"{count} manoeuvres in sequence" if count > 1 else "a manoeuvre"
+        yield f"{words} along a route", manoeuvres.controls, manoeuvres.steps
+
+    def _manoeuvres(self, seed: int) -> RouteManoeuvres | None:
+        """Along a route, if there is one."""
+        search = self._search
+        search.telling("looking for a route")
+        with Interruption() as interruption:
+            found = find_route(
+                search.problem, self._seconds, seed, lambda: interruption.noted, self._required
+            )
+            interruption.check()
+        if found.route is None or found.checks is None:
+            self.no_route = found.words
+            if found.trees and not self.followed:
+                self.sketch = {"trees": sketched_trees(found.trees)}
+            return None
+        self.sketch = {"route": sketched_route(found.route)}
+        return RouteManoeuvres(search.problem, search.base, found.route, found.checks, seed)
