@@ -14,7 +14,7 @@ from nhpocp import declared
 from nhpocp.constraints.leg_acceleration import lacking_derivative
 from nhpocp.constructed import Constructed
 from nhpocp.controls.control import Control
-from nhpocp.controls.sequence import join, retimed
+from nhpocp.controls.sequence import retimed
 from nhpocp.declared import check, whole_number
 from nhpocp.deferred import Deferred
 from nhpocp.errors import expect
@@ -32,6 +32,7 @@ from nhpocp.solvers.continuation.continuation_result import ContinuationResult
 from nhpocp.solvers.continuation.ending import Ending
 from nhpocp.solvers.continuation.geodesic import Geodesic
 from nhpocp.solvers.continuation.initial_control import drawn
+from nhpocp.solvers.continuation.merging import Merging, joined
 from nhpocp.solvers.continuation.step_rules import Adaptive
 from nhpocp.solvers.route.find_route import lacking
 from nhpocp.solvers.route.wanted import ROUTE, ROUTE_SECONDS, ROUTES
@@ -107,9 +108,7 @@ class _Search:
         self.tried: list[dict[str, Any]] = []
         self.way = ""  # what is being tried, in words
         self.solves = 0
-        self.stalled: list[
-            tuple[float, set[str]]
-        ] = []  # violations at which ways came to rest, and what is broken
+        self.stalled: list[tuple[float, set[str]]] = []  # violations where ways rest, and what is broken
         self.given_up = False  # for want of evaluations
 
     def result(self) -> ContinuationResult:
@@ -346,6 +345,26 @@ class _Search:
         )
 
     def _joined(self, controls: list[Control], steps: int) -> ContinuationResult:
+        """Manoeuvres as one control, corrected as one; merged where less is asked for."""
+        first = self._as_one(controls, steps)
+        solver = replace(self.base, integrator=first.integrator)
+        asked = self.base.objective != "none" and not self.problem.via
+        if not asked or first.outcome is not Outcome.CONVERGED:
+            return self._finished(first, solver)
+        merging = Merging(self.problem, controls, self.base.tolerance, self.base.max_iterations)
+        try:
+            for effort in merging.run():
+                self.telling(f"merging manoeuvres, effort {effort / self.problem.horizon.fixed:.4g}")
+        except KeyboardInterrupt:
+            return replace(first, outcome=Outcome.INTERRUPTED, message=STOPPED)
+        merged = self._as_one([merging.control], merging.steps)
+        if merged.outcome is not Outcome.CONVERGED or not merged.control.effort < first.control.effort:
+            return self._finished(first, solver)
+        if self.problem.bounds or self.base.objective != "effort":
+            return self._finished(merged, replace(self.base, integrator=merged.integrator))
+        return merging.told(merged)
+
+    def _as_one(self, controls: list[Control], steps: int) -> ContinuationResult:
         """Manoeuvres as one control over the problem's horizon, corrected as one; steps: for the shortest, at least.
 
         Manoeuvre i would cost E_i in unit time; it gets √E_i / Σ √E of the horizon, with which the whole costs
@@ -354,16 +373,15 @@ class _Search:
         weights = np.sqrt([control.effort for control in controls])
         weights = np.maximum(weights, SHORTEST * weights.mean())
         durations = self.problem.horizon.fixed * weights / weights.sum()
-        joined = join([retimed(control, time) for control, time in zip(controls, durations, strict=True)])
+        whole = joined([retimed(control, time) for control, time in zip(controls, durations, strict=True)])
         integrator = self.base.integrator
         if isinstance(integrator, RungeKutta4):
             steps = max(steps, int(STEPS_PER_PIECE * integrator.steps))
             steps = min(MOST // FINER, int(steps * weights.sum() / weights.min()))
             integrator = replace(integrator, steps=steps)
-        solver = replace(self.base, integrator=integrator)
-        whole = replace(begun_from(self.problem, joined), bounds=())
+        solver = replace(self.base, integrator=integrator, objective="none")
         self.way = f"{len(controls)} manoeuvres as one"
-        return self._finished(self._solve(replace(solver, objective="none"), whole), solver)
+        return self._solve(solver, replace(begun_from(self.problem, whole), bounds=()))
 
 
 def _nearness(result: ContinuationResult) -> tuple[bool, float]:

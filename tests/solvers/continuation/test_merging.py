@@ -1,0 +1,156 @@
+"""Manoeuvres merged: what is cut and joined stays the same motion, and none costs more than it did."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from nhpocp import planning
+from nhpocp.constraints.bound import Bound
+from nhpocp.controls.control import Control
+from nhpocp.controls.fourier import Fourier
+from nhpocp.flow.integrators import RungeKutta4
+from nhpocp.flow.step_error import settled_path
+from nhpocp.interruption import STOPPED
+from nhpocp.outcome import Outcome
+from nhpocp.problem import PlanningProblem
+from nhpocp.solvers.continuation import auto
+from nhpocp.solvers.continuation.auto import Auto
+from nhpocp.solvers.continuation.continuation import Continuation
+from nhpocp.solvers.continuation.merging import Merging, concatenated, pieces_of
+from nhpocp.solvers.continuation.step_rules import Adaptive
+from nhpocp.solvers.least_cost.stretch import graded
+from nhpocp.solvers.least_cost.walls import walls
+from nhpocp.systems.unicycle import Unicycle
+from tests.conftest import PAPER_START, paper_problem
+
+PIECES, TOLERANCE = 4, 1e-3
+LEAST = 11.1581587  # effort of the unicycle's unit step aside, by the maximum principle
+
+
+def aside(distance=1.0, **changes):
+    values = {
+        "system": Unicycle(),
+        "start": {"x": 0.0, "y": 0.0, "theta": 0.0},
+        "goal": {"x": 0.0, "y": distance, "theta": 0.0},
+        "basis": Fourier(2),
+        "initial": [[0.5, 0, -2, 0, 0], [0, 3, 0, 0, 0]],
+        "pictures": False,
+    }
+    return PlanningProblem(**{**values, **changes})
+
+
+@pytest.fixture(scope="module")
+def steps_aside():
+    """Four short steps, each a manoeuvre of unit time."""
+    found = Continuation(step_rule=Adaptive()).find(aside(1.0 / PIECES))
+    assert found.outcome is Outcome.CONVERGED
+    return [found.control] * PIECES
+
+
+def end(problem, control):
+    return settled_path(problem, control, 800)[1][-1]
+
+
+@given(st.lists(st.floats(0.1, 3.0), min_size=1, max_size=5), st.integers(0, 99))
+@settings(deadline=None, max_examples=20)
+def test_what_is_put_together_leads_where_its_pieces_do(sizes, seed):
+    random, problem = np.random.default_rng(seed), aside()
+    controls = [Control(Fourier(1), size * random.normal(size=(2, 3))) for size in sizes]
+    whole, here = concatenated(controls), problem.start_point
+    for control in controls:
+        here = settled_path(problem, control, 400, here)[1][-1]
+    np.testing.assert_allclose(end(problem, whole), here, atol=1e-6)
+    assert whole.horizon == 1.0
+    assert len(pieces_of(concatenated([whole, whole]))) == 2 * len(controls)
+    lengths = [np.sqrt(control.effort) for control in controls]
+    assert whole.effort >= (1.0 - 1e-9) * sum(lengths) ** 2  # the least of all divisions
+
+
+@given(st.integers(20, 300), st.lists(st.floats(0.05, 0.95), max_size=3, unique=True))
+@settings(deadline=None, max_examples=20)
+def test_graded_steps_end_at_every_breakpoint_and_come_in_equal_pairs(steps, breakpoints):
+    times = np.linspace(0.0, 1.0, 101)
+    path = np.tanh(20.0 * (times - 0.5))[:, None]
+    grid = graded(times, path, np.exp(path), np.ones(1), np.sort(breakpoints), steps)
+    widths = np.diff(grid)
+    assert (widths > 0).all()
+    np.testing.assert_allclose(widths[::2], widths[1::2], atol=1e-12)
+    assert all(np.abs(grid[::2] - t).min() < 1e-12 for t in (0.0, *breakpoints, 1.0))
+    assert len(grid) - 1 <= steps + 4 * (2 + len(breakpoints))
+    if not breakpoints and steps > 50:
+        assert widths[np.abs(grid[:-1] - 0.5).argmin()] < 0.7 * widths[0]  # where it moves fast
+
+
+def test_the_walls_have_the_gradient_of_their_differences():
+    problem = paper_problem(bounds=[Bound("leg_length", "leg_lengths", 15.0, 60.0)])
+    about = walls(problem)
+    assert about.names == ("det S = 0", "det W = 0")
+    flow = RungeKutta4(50).flow(about.dynamics, problem.basis, 1.0)
+    start = np.append(problem.start_point, 0.0)
+    _, derivatives, slacks = flow.sensitivity(start, PAPER_START)
+    np.testing.assert_allclose(slacks[0, :2], 1.0)  # of the start's own determinants
+    assert slacks.shape[1] == 2 + 6
+    steps = 1e-5 * np.eye(15).reshape(15, 3, 5)
+    differences = [(flow.end(start, PAPER_START + d) - flow.end(start, PAPER_START - d))[-1] for d in steps]
+    np.testing.assert_allclose(derivatives[-1, -1], np.array(differences) / 2e-5, rtol=1e-4, atol=1e-6)
+
+
+def test_merging_never_costs_more_and_ends_near_the_least(steps_aside):
+    problem = aside()
+    merging = Merging(problem, steps_aside, TOLERANCE, 500)
+    first = merging.effort
+    efforts = [first, *merging.run()]
+    assert all(later <= (1.0 + 1e-6) * earlier for earlier, later in pairwise(efforts))
+    assert len(merging.stretches) == 1
+    assert merging.control.effort < 0.4 * first
+    assert merging.control.effort == pytest.approx(LEAST, rel=0.03)
+    assert merging.stationary
+    np.testing.assert_allclose(end(problem, merging.control), problem.goal_point, atol=TOLERANCE)
+
+
+def test_a_merged_plan_is_verified_and_says_what_it_was(steps_aside):
+    search = auto._Search(Auto(Continuation(step_rule=Adaptive(), objective="effort")), aside(), None)
+    result = search._joined(steps_aside, 0)
+    assert result.outcome is Outcome.CONVERGED
+    assert "effort 11." in result.message
+    assert result.details["stationary"]
+    assert result.details["objective_value"] == pytest.approx(result.control.effort)
+    solution = result.solution(Auto(Continuation(step_rule=Adaptive(), objective="effort")), aside())
+    assert planning.verify(solution).ok
+
+
+def test_a_bound_on_the_pose_is_kept(steps_aside):
+    """The free motion swings to |x| = 0.5 and more."""
+    box = Bound("state.x", "x", -0.3, 0.3)
+    merging = Merging(aside(bounds=[box]), steps_aside, TOLERANCE, 500)
+    before = merging.effort
+    for _ in merging.run():
+        pass
+    path = settled_path(aside(), merging.control, 800)[1]
+    assert np.abs(path[:, 0]).max() < 0.3005
+    assert merging.control.effort < 0.6 * before
+
+
+def test_few_evaluations_end_it_early(steps_aside):
+    merging = Merging(aside(), steps_aside, TOLERANCE, 3)
+    for _ in merging.run():
+        pass
+    assert merging.evaluations <= 3 * 20
+    assert not merging.stationary
+
+
+def test_an_interruption_hands_back_the_joined_plan(steps_aside, monkeypatch):
+    def interrupted(self):
+        yield self.effort
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Merging, "run", interrupted)
+    search = auto._Search(Auto(Continuation(step_rule=Adaptive(), objective="effort")), aside(), None)
+    result = search._joined(steps_aside, 0)
+    assert (result.outcome, result.message) == (Outcome.INTERRUPTED, STOPPED)
+    np.testing.assert_allclose(end(aside(), result.control), aside().goal_point, atol=TOLERANCE)
+    assert replace(result, outcome=Outcome.CONVERGED).control.effort > 2 * LEAST
