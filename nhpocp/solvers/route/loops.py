@@ -57,7 +57,14 @@ class Loops:
 
     def areas(self, poses: Array, tangent: Array) -> Array:
         """|b| (k,)."""
-        return np.asarray(np.linalg.norm(self.parts(poses, tangent)[1], axis=1))
+        columns = self._columns(poses)
+        if columns.shape[1] != columns.shape[2]:
+            return np.asarray(np.linalg.norm(self.parts(poses, tangent)[1], axis=1))
+        try:
+            numbers = np.linalg.solve(columns, (tangent / self._states)[:, None])
+        except np.linalg.LinAlgError:  # one of them has no inverse
+            return np.asarray(np.linalg.norm(self.parts(poses, tangent)[1], axis=1))
+        return np.asarray(np.linalg.norm(numbers[:, len(self._inputs) :, 0], axis=1))
 
     def skew(self, numbers: Array) -> Array:
         """b (pairs,) as a skew matrix (inputs × inputs)."""

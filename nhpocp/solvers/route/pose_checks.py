@@ -22,6 +22,7 @@ from nhpocp.systems.margins import det, sigma
 from nhpocp.systems.numeric import numeric_system
 from nhpocp.systems.system import System
 
+TINY = 1e-60  # for what would be 0/0
 WITHIN = 5e-4  # of its size: by how much a bound may be passed, half of what verification forgives
 STEEP = 20.0  # times as fast as at start or goal: how fast unit inputs may move a system that has no margins
 
@@ -64,15 +65,35 @@ class OnOneSide(PoseCheck):
     def expression(self, state: ca.SX) -> ca.SX:
         matrix = ca.SX(self.system.regularity(state)[self.matrix])
         scales = self.system.column_scales(self.matrix, self.length_scale) or [1.0] * matrix.size2()
-        return ca.vec((matrix @ ca.diag(1.0 / ca.DM(scales))).T)
+        scaled = matrix @ ca.diag(1.0 / ca.DM(scales))
+        return signed_least(scaled) if scaled.shape == (3, 3) else ca.vec(scaled.T)
 
     def slack(self, numbers: Array) -> Array:
-        size = int(np.sqrt(numbers.shape[1]))
-        matrices = numbers.reshape(-1, size, size)
-        finite = np.isfinite(matrices).all(axis=(1, 2))
-        matrices = np.where(finite[:, None, None], matrices, 0.0)
-        least = svd(matrices, compute_uv=False)[:, -1]
-        return np.where(finite, self.sign * np.sign(np.linalg.det(matrices)) * least, 0.0) - self.least
+        if numbers.shape[1] == 1:
+            signed = numbers[:, 0]
+        else:
+            size = int(np.sqrt(numbers.shape[1]))
+            matrices = numbers.reshape(-1, size, size)
+            finite = np.isfinite(matrices).all(axis=(1, 2))
+            matrices = np.where(finite[:, None, None], matrices, 0.0)
+            signed = np.sign(np.linalg.det(matrices)) * svd(matrices, compute_uv=False)[:, -1]
+        return np.where(np.isfinite(signed), self.sign * signed, 0.0) - self.least
+
+
+def signed_least(matrix: ca.SX) -> ca.SX:
+    """σ_min of a matrix (3 × 3) with the sign of its determinant, det M / (σ_1 σ_2).
+
+    λ of MᵀM by the cosine formula, whose largest two are as exact as MᵀM is.
+    """
+    square = matrix.T @ matrix
+    middle = ca.trace(square) / 3
+    apart = square - middle * ca.SX.eye(3)
+    spread = ca.sqrt(ca.sumsqr(apart) / 6)
+    cosine = ca.det(apart) / (2 * ca.fmax(spread, TINY) ** 3)
+    angle = ca.acos(ca.fmin(ca.fmax(cosine, -1), 1)) / 3
+    first, last = (middle + 2 * spread * ca.cos(angle + turn) for turn in (0.0, 2 * np.pi / 3))
+    second = 3 * middle - first - last
+    return ca.det(matrix) / ca.fmax(ca.sqrt(first * second), TINY)
 
 
 @dataclass(frozen=True)

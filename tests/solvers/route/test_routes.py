@@ -4,6 +4,7 @@ import subprocess
 import sys
 from dataclasses import replace
 
+import casadi as ca
 import goals
 import numpy as np
 import pytest
@@ -27,7 +28,7 @@ from nhpocp.solvers.continuation.step_rules import Adaptive
 from nhpocp.solvers.route import find_route as find_route_module
 from nhpocp.solvers.route.easing import eased
 from nhpocp.solvers.route.find_route import find_route, lacking
-from nhpocp.solvers.route.pose_checks import least_margins, pose_checks
+from nhpocp.solvers.route.pose_checks import least_margins, pose_checks, signed_least
 from nhpocp.solvers.route.route import Poses, Route
 from nhpocp.solvers.route.rrt_connect import Trees
 from nhpocp.systems.numeric import numeric_system
@@ -321,3 +322,16 @@ def test_ompl_is_quiet(tmp_path):
     )
     assert int(done.stdout) > 2
     assert done.stderr == ""
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(st.floats(-3.0, 3.0), min_size=9, max_size=9), st.sampled_from([1.0, 1e-6, 0.0]))
+def test_the_signed_least_singular_value_is_lapacks(entries, shrunk):
+    matrix = np.reshape(entries, (3, 3))
+    matrix[2] = shrunk * matrix[2] + (1 - shrunk) * matrix[:2].sum(axis=0)  # near or on det M = 0
+    symbol = ca.SX.sym("M", 3, 3)
+    value = float(ca.Function("least", [symbol], [signed_least(symbol)])(matrix))
+    expected = np.linalg.svd(matrix, compute_uv=False)
+    assert abs(abs(value) - expected[-1]) <= 1e-7 * expected[0]
+    if expected[-1] > 1e-6 * expected[0]:
+        assert value * np.linalg.det(matrix) > 0
