@@ -43,7 +43,7 @@ CHOICE, DEARER = (
 )  # of the cheapest, and times the effort of the first, of which the least delicate is taken
 NUDGE = 1e-6  # in units of the scales, for differences
 DETOURS, ASIDE = 4, 40  # at most, where no manoeuvre leads on, and the seeded controls that may make one
-LONGER = 2.0  # times what has been reached at once, tried next
+LONGER = 1.5  # times what has been reached at once, tried next
 
 
 class RouteManoeuvres:
