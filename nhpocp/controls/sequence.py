@@ -17,6 +17,8 @@ from nhpocp.controls.registry import BASES
 from nhpocp.controls.table import Gram, Table
 from nhpocp.errors import InvalidProblemError
 
+ROUNDING = 1e-10  # of the horizon: what is nearer to a knot is on it; the middle of the shortest step is not
+
 
 @dataclass(frozen=True)
 class SequenceBasis(ControlBasis):
@@ -90,7 +92,7 @@ class SequenceBasis(ControlBasis):
         """Times, those next to a knot put on it, the piece that is on at each, and the knots."""
         times, knots = np.asarray(times, dtype=float), self.knots(horizon)
         nearest = knots[np.abs(times[:, None] - knots).argmin(axis=1)]
-        times = np.where(np.abs(times - nearest) < 1e-9 * horizon, nearest, times)
+        times = np.where(np.abs(times - nearest) < ROUNDING * horizon, nearest, times)
         place = np.searchsorted(knots, times, side="right" if side == "right" else "left") - 1
         return times, np.maximum(np.minimum(place, len(self.bases) - 1), 0), knots
 

@@ -57,24 +57,28 @@ def settled_path(
     start: Array | None = None,
     grid: Callable[[int, Array, float], Array] = uniform_grid,
 ) -> tuple[Array, Array]:
-    """Times and states by RK4 from the start, or another point, the steps doubled until that no longer moves the end.
+    """Times and states by RK4 from the start, or another point, the steps doubled until that no longer moves the path.
 
     grid: (steps, breakpoints, horizon) ↦ times.
     """
     start = problem.start_point if start is None else start
-    rate, last = Dynamics(numeric_system(problem.system).rate_function), np.inf
+    rate = Dynamics(numeric_system(problem.system).rate_function)
+    last: tuple[Array, Array] | None = None
     for doubling in range(DOUBLINGS + 1):
         times = grid(steps * 2**doubling, control.breakpoints, control.horizon)
         flow = RungeKutta4().flow(rate, control.basis, control.horizon, times)
         path = flow.states(start, control.coefficients)
-        end = path[-1] / problem.scales.points
         if not np.isfinite(path).all():
             if doubling == RUN_AWAY:
                 break
             continue
-        if np.abs(end - last).max() < CLOSE * (1.0 + np.abs(end).max()):
-            break
-        last = end
+        if last is not None:
+            before, coarse = last
+            shared = path[np.searchsorted(times, before - 1e-9 * control.horizon)]
+            moved = np.abs(shared - coarse) / problem.scales.points
+            if moved.max() < CLOSE * (1.0 + np.abs(path[-1] / problem.scales.points).max()):
+                break
+        last = times, path
     return times, path
 
 

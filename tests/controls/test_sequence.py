@@ -80,3 +80,12 @@ def test_between_breakpoints_a_piece_does_the_same_alone():
         np.testing.assert_allclose(own([last - begin], "left"), whole([last], "left"), atol=1e-9)
     alone = Control(Fourier(1), np.ones((2, 3)), 2.0)
     assert alone.between(0.0, 2.0) == (alone, 0.0)
+
+
+def test_a_time_beside_a_joint_is_on_its_own_side():
+    """A step may end as near to it as that; on the wrong piece its middle would be a whole jump off."""
+    basis = SequenceBasis((Fourier(0), Fourier(0)), (0.25, 0.75))
+    control = Control(basis, [[1.0, -1.0]], 2.0)
+    beside = 0.5 + np.array([-1e-9, 1e-9, -1e-14, 1e-14])
+    np.testing.assert_array_equal(control(beside, "right")[:, 0], [1.0, -1.0, -1.0, -1.0])
+    np.testing.assert_array_equal(control(beside, "left")[:, 0], [1.0, -1.0, 1.0, 1.0])

@@ -15,9 +15,9 @@ from nhpocp.solvers.continuation.route_manoeuvres import RouteManoeuvres
 from nhpocp.solvers.route.find_route import find_route, lacking
 from nhpocp.solvers.route.sketch import sketched_route, sketched_trees
 
-ATTEMPTS = 4  # with other seeds
+ATTEMPTS = 6  # with other seeds
 PATIENCE = 80.0  # manoeuvres that a route may seem to take, before another is tried
-DELICATE = 3e5  # times what a start is off, at the end: the replay's own rounding would then be seen
+DELICATE = 2e6  # times what a start is off, at the end: the replay's own rounding would then be seen
 
 
 class Told(Protocol):
@@ -62,7 +62,9 @@ class AlongRoutes:
         for attempt in range(ATTEMPTS):
             manoeuvres = self._manoeuvres(search.base.seed + attempt)
             if manoeuvres is None:
-                break
+                if not self.followed:
+                    return
+                continue
             self.followed = True
             self._walked(manoeuvres, PATIENCE)
             if manoeuvres.arrived:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -37,10 +37,8 @@ LOOKS = 20  # at a path, before it is held against all checks
 RESOLVED = 1e-6  # in units of the problem's scales: between ends with the steps of either simulation
 PIECES = 200  # at most
 SEEN = 20  # of them, before it is said how many the route takes
-CHOICE, DEARER = (
-    4,
-    2.0,
-)  # of the cheapest, and times the effort of the first, of which the least delicate is taken
+CHOICE, DEARER = 4, 2.0  # of the cheapest, and times the effort of the first: the least delicate is taken
+HUGE = 1e30  # of a derivative that is no number
 NUDGE = 1e-6  # in units of the scales, for differences
 DETOURS, ASIDE = 4, 40  # at most, where no manoeuvre leads on, and the seeded controls that may make one
 LONGER = 1.5  # times what has been reached at once, tried next
@@ -62,8 +60,11 @@ class RouteManoeuvres:
         self.problem, self.route, self.checks = problem, route, checks
         self.controls: list[Control] = []
         self.walked = 0.0  # of the route
+        self._before = 0  # controls that lead to the start of the route
+        self._last: Array | None = None  # Λ that leads from its end to the goal, where it ends beside that
         self.here = problem.start_point
-        self._along = np.eye(problem.system.state_space.dimension)  # ∂here/∂start, in units of the scales
+        self._along = list[Array]()  # ∂here/∂ of where each control began, in units of the scales
+        self.growth = 1.0  # by how much what is off at any of these is multiplied until another, at most
         own = solver.integrator
         kept = own if isinstance(own, RungeKutta4) else RungeKutta4()
         kernels = kept.kernels.for_long_work()
@@ -81,13 +82,8 @@ class RouteManoeuvres:
 
     @property
     def arrived(self) -> bool:
-        """Whether the controls lead to the end of the route."""
-        return self.walked >= self.route.length
-
-    @property
-    def growth(self) -> float:
-        """By how much the controls multiply what is off at the start, at most."""
-        return float(np.linalg.norm(self._along, 2)) if np.isfinite(self._along).all() else np.inf
+        """Whether the controls lead to the goal."""
+        return self.walked >= self.route.length and self._last is None
 
     @property
     def part(self) -> float:
@@ -103,12 +99,17 @@ class RouteManoeuvres:
         step, growth, detours = self.route.length, 1.0, 0
         with Interruption() as interruption, np.errstate(all="ignore"):
             while len(self.controls) < PIECES and not self.arrived:
+                if self.walked >= self.route.length:
+                    if not self._last_one(interruption):
+                        return
+                    continue
                 if step <= LEAST:
                     detours += 1
-                    if detours > DETOURS or not self._detour():
+                    if detours > DETOURS or not (self._approach() or self._detour()):
                         return
                     step = self.route.length
-                if len(self.controls) >= SEEN and len(self.controls) > patience * self.part:
+                count = len(self.controls) - self._before
+                if count >= SEEN and count > patience * self.part:
                     return
                 yield self.part
                 reach = min(self.route.length, self.walked + step)
@@ -118,23 +119,59 @@ class RouteManoeuvres:
                 step, growth = growth * (reach - self.walked), LONGER
                 self.walked = reach
 
+    def _approach(self) -> bool:
+        """Leads to a pose from which the goal was left backwards, if one is in sight; once.
+
+        Where brackets of the second degree lose rank at the goal, no short manoeuvre leads to it, but a long one.
+        """
+        if self._last is not None or len(self.route.after(self.walked)) > 1:
+            return False
+        found = self._aside(self.problem.goal_point, self.here)
+        if found is None:
+            return False
+        control, beside = found
+        self._last = backwards(control)
+        self._begin([self.here, beside])
+        return True
+
+    def _aside(self, start: Array, other: Array) -> tuple[Control, Array] | None:
+        """Of some controls from a pose the one from whose end another pose is reached with the fewest manoeuvres."""
+        best, fewest = None, np.inf
+        for draw in range(ASIDE):
+            control = Control(self._part.basis, drawn(self._part, self._random, WIDTHS[draw % len(WIDTHS)]))
+            end = self._end(control, start)
+            if end is None or not self.route.poses.valid(end, other):
+                continue
+            count = self.route.poses.manoeuvres(end, other)
+            if count < fewest:
+                best, fewest = (control, end), count
+        return best
+
+    def _begin(self, waypoints: Sequence[Array]) -> None:
+        """Another route from here."""
+        self.route = Route(np.array(waypoints), self.route.poses)
+        self.walked, self._before = 0.0, len(self.controls)
+
+    def _last_one(self, interruption: Interruption) -> bool:
+        """Takes what leads from beside the goal to it, corrected for where one stands; whether that succeeds."""
+        assert self._last is not None
+        part = replace(self._part, start=self._values(self.here))
+        found, self._last = self._best(part, [self._last], MANY, interruption), None
+        return found
+
     def _detour(self) -> bool:
         """Steps aside to a pose from which the rest of the route is in sight; whether there is one among some."""
         ahead = self.route.after(self.walked)
-        for draw in range(ASIDE):
-            coefficients = drawn(self.problem, self._random, WIDTHS[draw % len(WIDTHS)])
-            control = Control(self.problem.basis, self.problem.horizon.fixed * coefficients)
-            end = self._end(control)
-            if end is not None and self.route.poses.free(end, ahead[0]):
-                self._take(control, end, self._derivative(control))
-                self.walked = 0.0
-                self.route = Route(np.vstack([end, ahead]), self.route.poses)
-                return True
-        return False
+        found = self._aside(self.here, ahead[0])
+        if found is None:
+            return False
+        self._take(*found, self._derivative(found[0]))
+        self._begin([self.here, *ahead])
+        return True
 
     def _take(self, control: Control, end: Array, derivative: Array) -> None:
-        with np.errstate(all="ignore"):
-            self._along = derivative @ self._along
+        self._along = [derivative @ before for before in (*self._along, np.eye(len(derivative)))]
+        self.growth = max(self.growth, *(float(np.linalg.norm(along, 2)) for along in self._along))
         self.controls.append(control)
         self.here = end
 
@@ -144,7 +181,7 @@ class RouteManoeuvres:
         starts = [self.here, *(np.asarray(space.retract(self.here, a)) for a in NUDGE * np.diag(scales))]
         end, *ends = (self._rough.end(start, control.coefficients) for start in starts)
         derivative = np.array([np.asarray(space.difference(there, end)) / scales for there in ends]).T / NUDGE
-        return derivative if np.isfinite(derivative).all() else np.full_like(derivative, np.inf)
+        return derivative if np.isfinite(derivative).all() else HUGE * np.eye(len(scales))
 
     def _manoeuvre(self, reach: float, interruption: Interruption) -> bool:
         """Takes one that leads to that much of the route at little cost and stays clear; whether there is one."""
@@ -172,21 +209,21 @@ class RouteManoeuvres:
                 len(clear_ones) == CHOICE or control.effort > DEARER * clear_ones[0][0].effort
             ):
                 break
-            end = self._end(control)
+            end = self._end(control, self.here)
             if end is not None:
                 clear_ones.append((control, end, self._derivative(control)))
         if clear_ones:
             self._take(*min(clear_ones, key=lambda one: one[0].effort * np.linalg.norm(one[2], 2)))
         return bool(clear_ones)
 
-    def _end(self, control: Control) -> Array | None:
-        """Where a control leads from `here`; None where its path is not clear, or so steep that steps decide it."""
-        path = self._flows[0].states(self.here, control.coefficients)
+    def _end(self, control: Control, start: Array) -> Array | None:
+        """Where a control leads; None where its path is not clear, or so steep that steps decide it."""
+        path = self._flows[0].states(start, control.coefficients)
         if not np.isfinite(path).all() or not self.checks.valid(path[:: len(path) // LOOKS]):
             return None  # most that are not clear, in little time
         if not clear(self.checks, path):
             return None
-        end = self._flows[1].end(self.here, control.coefficients)
+        end = self._flows[1].end(start, control.coefficients)
         error = np.abs(end - path[-1]) / self.problem.scales.points
         return self.problem.system.state_space.nearest(end) if error.max() <= RESOLVED else None
 
@@ -196,3 +233,11 @@ class RouteManoeuvres:
 
 def _effort(control: Control) -> float:
     return control.effort
+
+
+def backwards(control: Control) -> Array:
+    """Λ of -u(T - t), as far as the basis can make it, which leads a driftless system back."""
+    basis, count = control.basis, 8 * control.basis.size
+    times = control.horizon * (np.arange(count) + 0.5) / count
+    table = basis.table(times, control.horizon)
+    return np.asarray(np.linalg.lstsq(table, -control(times[::-1]), rcond=None)[0].T)
