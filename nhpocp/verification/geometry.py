@@ -20,8 +20,9 @@ from nhpocp.systems.numeric import NumericSystem
 # Five-point stencil: truncation ~ STEP⁴/30, rounding ~ 1e-16/STEP, both relative to the motion
 OFFSETS = np.array([-2.0, -1.0, 0.0, 1.0, 2.0])
 FIRST_DERIVATIVE = np.array([1.0, -8.0, 0.0, 8.0, -1.0]) / 12.0
-STEP = 3e-4  # radians, or fractions of the shortest leg, that the mechanism moves per step
-NEAREST = 1e-4  # of the sine of a leg's angle from its w4, by which the step is shorter
+STEP = 1e-3  # radians, or fractions of the shortest leg, that the mechanism moves per step
+# beside its own w4, at an angle of sine b, a leg's frame turns 1/b as fast: truncation ~ STEP⁴/b⁵, rounding 1/(b STEP)
+NEAREST, SHORTER = 1e-4, 0.8  # the least b that counts, and the power of it by which the step is shorter
 FLOOR = 1e-4  # fraction of the whole motion under which a leg counts as at rest: 0/0 has no meaning there
 
 
@@ -90,7 +91,7 @@ def residuals(numeric: NumericSystem, states: Array, controls: Array) -> tuple[A
     shortest = np.min([leg_frames(leg, p, rotation)[0] for leg in legs if leg.length != 0], axis=0)
     size = np.linalg.norm(spin, axis=1) + np.linalg.norm(speed, axis=1) / shortest  # [1/time]
     safe = np.where(size > 0, size, 1.0)
-    step = STEP * _apart(legs, p, rotation) / safe  # [time]
+    step = STEP * _apart(legs, p, rotation) ** SHORTER / safe  # [time]
     shifts = OFFSETS[:, None] * step  # offsets × samples
     turns = Rotation.from_rotvec((shifts[..., None] * spin).reshape(-1, 3)).as_matrix()
     turned = turns.reshape(*shifts.shape, 3, 3) @ rotation

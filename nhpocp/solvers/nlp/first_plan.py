@@ -193,7 +193,7 @@ def handed_back(failed: Solution, plan: Solution, lowered: LoweredGuess) -> Solu
     elif failed.outcome is Outcome.CONVERGED:
         why = "finer steps refute the NLP's optimum"
     else:
-        why = f"the NLP ended as {failed.outcome.value}"
+        why = f"the NLP ended as {failed.outcome.value} ({failed.message.rstrip('.')})"
     if cost_of(least) < cost_of(plan):
         way = "motion in the null space" if lowered.plan is plan else "where the NLP ended, corrected,"
         why += f"; {way} took its {name} from {cost_of(plan):.6g} to {cost_of(least):.6g}"

@@ -82,15 +82,15 @@ def find_route(
     Errors: `MissingDependencyError` where OMPL, needed for any but straight routes, is ``required`` and not installed.
     """
     ends, words, began = np.stack([problem.start_point, problem.goal_point]), "", thread_time()
-    loops, trees = known_loops(problem), None
+    loops, trees, bare = known_loops(problem), None, pose_checks(problem, 0.0)
     for level in STRAIGHT:
-        poses = _poses(problem, level, loops)
+        poses = _poses(problem, level, loops, bare)
         if poses.free(*ends):
             return _found(problem, Route(ends, poses), level, seed)
     if not required and not installed():
         return RouteSearch(words=f"around what is in the way of the straight motion, {MISSING}")
     for level in LEVELS:
-        poses = _poses(problem, level, loops)
+        poses = _poses(problem, level, loops, bare)
         if words := _ends_nowhere(problem, poses):
             continue
         trees = grown(problem, poses, Allowed(level.share * seconds, level.edges, stopped), seed)
@@ -102,8 +102,9 @@ def find_route(
     return RouteSearch(words=words, trees=trees)
 
 
-def _poses(problem: PlanningProblem, level: Level, loops: Loops | None) -> Poses:
-    return Poses(problem, pose_checks(problem, level.clearance), loops, level.most if loops else np.inf)
+def _poses(problem: PlanningProblem, level: Level, loops: Loops | None, bare: PoseChecks) -> Poses:
+    checks = pose_checks(problem, level.clearance, bare)
+    return Poses(problem, checks, loops, level.most if loops else np.inf)
 
 
 def _ends_nowhere(problem: PlanningProblem, poses: Poses) -> str:
@@ -117,7 +118,7 @@ def _ends_nowhere(problem: PlanningProblem, poses: Poses) -> str:
 
 def _found(problem: PlanningProblem, route: Route, level: Level, seed: int) -> RouteSearch:
     route = eased(route, np.random.default_rng(seed))
-    return RouteSearch(route, pose_checks(problem, KEPT * level.clearance))
+    return RouteSearch(route, pose_checks(problem, KEPT * level.clearance, route.poses.checks))
 
 
 def _growth(problem: PlanningProblem, poses: Poses, trees: Trees, seconds: float) -> str:

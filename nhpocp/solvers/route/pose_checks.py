@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import accumulate, pairwise
@@ -166,19 +167,28 @@ class PoseChecks:
 
     def __init__(self, system: System, checks: Sequence[PoseCheck]) -> None:
         space = system.state_space
-        self.checks, self.system = tuple(checks), system
-        self.refusals = dict.fromkeys((check.name for check in checks), 0)
-        self.poses = 0  # looked at
+        self.system = system
+        self._ask(checks)
         a, tangent, s = ca.SX.sym("a", space.size), ca.SX.sym("delta", space.dimension), ca.SX.sym("s")
         columns = [ca.densify(ca.SX(check.expression(a))) for check in checks]
         edges = [0, *accumulate(column.numel() for column in columns)]
         self._parts = [slice(*ends) for ends in pairwise(edges)]
-        numbers = ca.Function("numbers", [a], [ca.cse(ca.vertcat(ca.SX(0, 1), *columns))])
+        self._numbers = ca.Function("numbers", [a], [ca.cse(ca.vertcat(ca.SX(0, 1), *columns))])
         there = ca.densify(space.retract(a, s * tangent))
-        self._numbers = numbers
         self._between = ca.Function("between", [a, tangent, s], [there])
         b = ca.SX.sym("b", space.size)
         self._difference = ca.Function("difference", [b, a], [ca.densify(space.difference(b, a))])
+
+    def _ask(self, checks: Sequence[PoseCheck]) -> None:
+        self.checks = tuple(checks)
+        self.refusals = dict.fromkeys((check.name for check in checks), 0)
+        self.poses = 0  # looked at
+
+    def asking(self, checks: Sequence[PoseCheck]) -> PoseChecks:
+        """The same of other checks on the same numbers; nothing is made anew."""
+        other = copy(self)
+        other._ask(checks)
+        return other
 
     def slacks(self, poses: Array) -> Array:
         """(k, checks) of poses (k, size)."""
@@ -211,10 +221,11 @@ class PoseChecks:
         return not (worst > 0).all()
 
 
-def pose_checks(problem: PlanningProblem, fraction: float) -> PoseChecks:
+def pose_checks(problem: PlanningProblem, fraction: float, like: PoseChecks | None = None) -> PoseChecks:
     """What the poses of a problem's motion have to meet.
 
     fraction: of what start and goal have to spare, the lesser of them, that is kept: from det = 0 and from the bounds.
+    like: those of another fraction.
     """
     system, start = problem.system, problem.start_point
     numeric = numeric_system(system)
@@ -231,7 +242,7 @@ def pose_checks(problem: PlanningProblem, fraction: float) -> PoseChecks:
         ends = PoseChecks(system, within).slacks(np.stack([start, problem.goal_point])).min(axis=0)
         spared = fraction * np.maximum(ends - WITHIN, 0.0)
         checks += [replace(check, reserve=float(part)) for check, part in zip(within, spared, strict=True)]
-    return PoseChecks(system, checks)
+    return like.asking(checks) if like else PoseChecks(system, checks)
 
 
 def least_margins(problem: PlanningProblem, fraction: float) -> dict[str, float]:
