@@ -154,7 +154,8 @@ class RouteManoeuvres:
 
     def _last_one(self, interruption: Interruption) -> bool:
         """Takes what leads from beside the goal to it, corrected for where one stands; whether that succeeds."""
-        assert self._last is not None
+        if self._last is None:
+            return False
         part = replace(self._part, start=self._values(self.here))
         found, self._last = self._best(part, [self._last], MANY, interruption), None
         return found
