@@ -11,14 +11,13 @@ Rows are appended to results/routes.jsonl as they come, and goals found there ar
 from __future__ import annotations
 
 import argparse
-import json
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 from time import perf_counter, process_time
 from typing import Any
 
 import numpy as np
 from goals import random_robot_task, walked_goal
+from resumed import resumed
 
 from nhpocp import planning
 from nhpocp.outcome import Outcome
@@ -63,23 +62,14 @@ def solved(number: int, route: str, objective: str) -> Row:
 
 def run(arguments: argparse.Namespace) -> list[Row]:
     """Every row, from the file or new."""
-    arguments.output.mkdir(parents=True, exist_ok=True)
-    file = arguments.output / "routes.jsonl"
-    rows = [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
-    done = {(row["goal"], row["route"], row["objective"]) for row in rows}
     asked = [
         (number, route, arguments.objective)
         for number in range(arguments.first, arguments.first + arguments.goals)
         for route in arguments.routes
     ]
-    wanted = [task for task in asked if task not in done]
-    with ProcessPoolExecutor(arguments.workers) as pool, file.open("a") as target:
-        for number, future in enumerate(as_completed([pool.submit(solved, *task) for task in wanted]), 1):
-            rows.append(future.result())
-            target.write(json.dumps(rows[-1]) + "\n")
-            target.flush()
-            print(f"{number} of {len(wanted)}", end="\r", flush=True)
-    return [row for row in rows if (row["goal"], row["route"], row["objective"]) in set(asked)]
+    return resumed(
+        arguments.output / "routes.jsonl", ("goal", "route", "objective"), asked, solved, arguments.workers
+    )
 
 
 def table(rows: list[Row]) -> None:

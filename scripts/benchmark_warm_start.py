@@ -10,10 +10,8 @@ Rows are appended to results/warm-start.jsonl as they come, and goals found ther
 from __future__ import annotations
 
 import argparse
-import json
 from collections import Counter
 from collections.abc import Mapping
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, field
 from pathlib import Path
 from time import perf_counter, process_time
@@ -21,6 +19,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 from goals import ROBOTS, paper_task, reachable_goals, workspace_goal
+from resumed import resumed
 
 from nhpocp import planning
 from nhpocp.outcome import Outcome
@@ -106,20 +105,9 @@ def dearer(row: Row) -> bool:
 
 def run(arguments: argparse.Namespace) -> list[Row]:
     """Every row, from the file or new."""
-    arguments.output.mkdir(parents=True, exist_ok=True)
-    file = arguments.output / "warm-start.jsonl"
-    rows = [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
-    done = {(row["robot"], row["goal"]) for row in rows}
     numbers = range(arguments.first, arguments.first + arguments.goals, arguments.every)
     asked = [(robot, number) for robot in arguments.robots for number in numbers]
-    wanted = [task for task in asked if task not in done]
-    with ProcessPoolExecutor(arguments.workers) as pool, file.open("a") as target:
-        for number, future in enumerate(as_completed([pool.submit(solved, *task) for task in wanted]), 1):
-            rows.append(future.result())
-            target.write(json.dumps(rows[-1]) + "\n")
-            target.flush()
-            print(f"{number} of {len(wanted)}", end="\r", flush=True)
-    return [row for row in rows if (row["robot"], row["goal"]) in set(asked)]
+    return resumed(arguments.output / "warm-start.jsonl", ("robot", "goal"), asked, solved, arguments.workers)
 
 
 def table(rows: list[Row]) -> None:

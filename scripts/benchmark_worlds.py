@@ -12,14 +12,13 @@ Rows are appended to results/worlds.jsonl as they come, and worlds found there a
 from __future__ import annotations
 
 import argparse
-import json
 from collections import Counter
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 from time import process_time
 from typing import Any
 
 import numpy as np
+from resumed import resumed
 from worlds import World, least_distance, straight, world
 
 from nhpocp import planning
@@ -88,22 +87,11 @@ def distance(place: World, solution: Solution) -> float | None:
 
 def run(arguments: argparse.Namespace) -> list[Row]:
     """Every row, from the file or new."""
-    arguments.output.mkdir(parents=True, exist_ok=True)
-    file = arguments.output / "worlds.jsonl"
-    rows = [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
-    done = {(row["world"], row["method"]) for row in rows}
     methods = ["auto", *(["nlp"] if arguments.nlp else []), *(["free"] if arguments.free else [])]
     every = range(arguments.first, arguments.first + arguments.worlds)
     numbers = [number for number in every if arguments.only in (None, KINDS[number % 2])]
     asked = [(number, method) for number in numbers for method in methods]
-    wanted = [task for task in asked if task not in done]
-    with ProcessPoolExecutor(arguments.workers) as pool, file.open("a") as target:
-        for number, future in enumerate(as_completed([pool.submit(solved, *task) for task in wanted]), 1):
-            rows.append(future.result())
-            target.write(json.dumps(rows[-1]) + "\n")
-            target.flush()
-            print(f"{number} of {len(wanted)}", end="\r", flush=True)
-    return [row for row in rows if (row["world"], row["method"]) in set(asked)]
+    return resumed(arguments.output / "worlds.jsonl", ("world", "method"), asked, solved, arguments.workers)
 
 
 def kept(row: Row) -> bool:

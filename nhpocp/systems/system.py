@@ -300,7 +300,8 @@ class System(Frozen, Shown):
 
     def _distances(self, state: Array) -> Array:
         """Of symbols by a function that is made once: the expressions are many."""
-        assert self.surroundings is not None
+        if self.surroundings is None:
+            raise ValueError("nothing is around this system")
         made = None if namespace(state) is namespace() else _distance_function(self)
         return self.surroundings.distances(self.bodies(state)) if made is None else made(state)
 
