@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cache
 from itertools import combinations
 from typing import Any
 
@@ -46,8 +47,9 @@ ROBOTS: dict[str, dict[str, Any]] = {name: {"preset": name} for name in ThreeUPU
 }
 
 
+@cache
 def robot(name: str) -> ThreeUPU:
-    """One of `ROBOTS`."""
+    """One of `ROBOTS`, the same for all tasks: what is built for it is built once."""
     parameters = dict(ROBOTS[name])
     preset = parameters.pop("preset", "default")
     return ThreeUPU.preset(preset, **parameters)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import atexit
+import contextlib
 import gc
 import io
 import os
 import shutil
 import signal
+import sys
 import tempfile
 from collections.abc import Iterator, Mapping
 from functools import cache
@@ -28,8 +30,16 @@ from PIL import Image
 
 from nhpocp import interruption, so3
 from nhpocp.arrays import namespace
+from nhpocp.controls.fourier import Fourier
+from nhpocp.flow.compiled import kernel_build, kernels
+from nhpocp.flow.dynamics import dynamics
+from nhpocp.flow.integrators import RungeKutta4
+from nhpocp.flow.runge_kutta import scheme
+from nhpocp.flow.tableau import CLASSICAL
 from nhpocp.problem import PlanningProblem
-from nhpocp.problem_file import document, load_problem
+from nhpocp.problem_file import document, load_problem, parse_problem
+from nhpocp.problem_file.starters import starter
+from nhpocp.solvers.least_cost.barrier import barrier_map
 from nhpocp.state_space import StateSpace, rotation, scalar
 from nhpocp.systems.system import Parameter, System
 from nhpocp.systems.three_upu import ThreeUPU
@@ -70,10 +80,42 @@ def yaw(angle: float) -> np.ndarray:
     return so3.from_rpy(np.array([0.0, 0.0, angle]))
 
 
-@cache
+@contextlib.contextmanager
+def compiled_briefly() -> Iterator[None]:
+    """Kernels are built in half the time that -O3 takes, and are half as fast."""
+    with pytest.MonkeyPatch.context() as patch:
+        quick = ("-O1", "-fPIC", "-shared")
+        patch.setattr(kernel_build, "FLAGS", ((*quick, "-march=native"), quick))
+        yield
+
+
+def swift(system: System) -> System:
+    """The system, whose sweeps and barrier are compiled from the first on, where there is a compiler.
+
+    Nearly all that continuations do is sweep: 100 steps take 4.6 ms by CasADi's own evaluation and 0.28 by a kernel;
+    both take 2.3 s to build. Users have them once a first plan is made; tests/flow/compiled holds both to each other.
+    """
+    if not kernels._of_sweeps(scheme(dynamics(system), CLASSICAL)).kernel:
+        problem, rule = parse_problem(starter(system.model)).with_(system=system), kernels.Compiled()
+        basis, integrator = Fourier(0), RungeKutta4(1, rule)
+        controls = np.full((1, system.input_space.size, basis.size), 0.1)
+        with compiled_briefly():
+            flow = integrator.flow(dynamics(system), basis, 1.0)
+            flow.ends(problem.start_point, controls, differentiated=False)
+            if barrier := barrier_map(problem, basis, 1.0, integrator):
+                barrier(controls[0])
+    return system
+
+
+preset_robot = cache(ThreeUPU.preset)
+
+
 def robot(preset: str) -> ThreeUPU:
     """One robot of each preset for all tests: what is built for it is built once."""
-    return ThreeUPU.preset(preset)
+    made = preset_robot(preset)
+    return (
+        swift(made) if preset == "default" else made
+    )  # the others are asked for too little to pay for kernels
 
 
 LIBRARY = sorted(path.stem for path in (Path(__file__).parents[1] / "problems").glob("*.yaml"))
@@ -149,6 +191,16 @@ class Turntable(System):
 
     def constraints(self, state: Any, velocity: Any) -> Any:
         return namespace(velocity).vector([velocity[0] - self.speed, velocity[3] - velocity[0]])
+
+
+@pytest.fixture
+def slow_robots(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No kernel is there before a test asks for one: for tests of kernels, and of plans that other processes make.
+
+    There a robot has no kernel, and plans are the same to the last bit only where it has none here.
+    """
+    monkeypatch.setattr(sys.modules[__name__], "swift", lambda system: system)
+    kernels._of_sweeps.cache_clear()
 
 
 @pytest.fixture

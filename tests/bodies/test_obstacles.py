@@ -304,7 +304,7 @@ def test_a_folder_shows_its_distances(parked, tmp_path, capsys):
     again = nhpocp.load_solution(folder)
     assert again.problem.obstacles == parked.problem.obstacles
     assert status(["verify", str(folder), "--json"]) == 0
-    assert status(["plot", str(folder)]) == 0
+    assert status(["plot", str(folder), "--format", "png"]) == 0
     capsys.readouterr()
     assert (folder / "distances.png").stat().st_size > 5000
     stored = json.loads((folder / "solution.json").read_text())

@@ -12,7 +12,7 @@ from tests.conftest import paper_problem
 
 TEXT = dump_problem(paper_problem(pictures=False))
 METHODS = {
-    "jacobian": {"step_rule": "auto", "objective": "effort"},
+    "jacobian": {"step_rule": "adaptive", "objective": "effort"},
     "nlp": {"intervals": 20},
 }
 

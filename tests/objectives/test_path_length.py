@@ -28,7 +28,7 @@ from tests.ferry import Ferry
 
 SOLVERS = {
     "nlp": build_solver("nlp", {"intervals": 12, "steps_per_interval": 1}),
-    "single shooting": build_solver("nlp", {"intervals": 6, "steps_per_interval": 1, "shooting": "single"}),
+    "single shooting": build_solver("nlp", {"intervals": 3, "steps_per_interval": 1, "shooting": "single"}),
     "over the basis": build_solver("nlp", {"intervals": 12, "steps_per_interval": 2, "control": "basis"}),
     "jacobian": build_solver("jacobian", {"step_rule": "auto", "objective": "path_length"}),
 }

@@ -13,11 +13,18 @@ from replaying import replay
 from scaling import grow
 from wanted import Line
 
+from nhpocp.flow.compiled import kernel_build
 from tests.conftest import PAPER_START
+from tests.flow.compiled.test_kernels import QUICKLY
 
 SCRIPTS = Path(benchmark.__file__).parent
 INTERVALS = 10
 PEERS = {one.name: one for one in contestants(INTERVALS, 20) if "interpreted" not in one.name}
+
+
+@pytest.fixture(autouse=True)
+def quick_to_compile(monkeypatch):
+    monkeypatch.setattr(kernel_build, "FLAGS", QUICKLY)
 
 
 def test_the_quick_form_writes_tables_and_picture(tmp_path, capsys):

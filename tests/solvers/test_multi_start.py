@@ -18,6 +18,8 @@ from nhpocp.solvers.nlp.ipopt import Ipopt
 from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting
 from tests.conftest import paper_problem
 
+pytestmark = pytest.mark.usefixtures("slow_robots")
+
 
 def one_thread():
     return ThreadPoolExecutor(1)

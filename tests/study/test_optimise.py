@@ -9,6 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 
 import pytest
+from corners import CORNERS
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -22,16 +23,10 @@ from nhpocp.study.trials import Trial, front
 from tests.study.test_study import said
 from tests.study.test_sweep import here, ran, rows
 
-HEAD = """\
-nhpocp: 1
-study:
-  name: designs
-  problem:
-    system: {model: unicycle}
-    start: {x: 0, y: 0, theta: 0}
-    goal: {x: 1, y: 1, theta: 0}
-    solvers: {compile: never}
-    output: {pictures: false}
+HEAD = f"""\
+{CORNERS.replace("corners", "designs")}\
+    solvers: {{compile: never}}
+    output: {{pictures: false}}
 """
 AXES = "  axes: {goal.theta: [0, 0.5]}\n"
 TEXT = """\

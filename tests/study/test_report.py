@@ -298,9 +298,9 @@ def test_words_of_users_are_escaped(tmp_path):
 
 
 def test_a_page_does_not_grow_with_the_runs(tmp_path):
-    axes = "  axes:\n    goal.position[0]: {linspace: [-2, 2, 100]}\n    goal.position[1]: {linspace: [-2, 2, 100]}\n"
+    axes = "  axes:\n    goal.position[0]: {linspace: [-2, 2, 70]}\n    goal.position[1]: {linspace: [-2, 2, 70]}\n"
     file, _, rows = store_of(ROBOT + axes, tmp_path / "study.sqlite")
-    assert len(rows) == 10_000
+    assert len(rows) == 4900  # more than are shown one by one
     made = render(surveyed(file))
     assert len(made.encode()) < 800_000
     assert made.count("<tr") < 30

@@ -55,12 +55,15 @@ WORKER = """
 import os, sys
 cache = os.environ["NHPOCP_CACHE"]
 sys.path.insert(0, sys.argv[1])
+from tests import conftest
 from tests.flow.compiled import test_kernels
+conftest.swift = lambda system: system
 os.environ["NHPOCP_CACHE"] = cache
 from nhpocp.flow.compiled import kernel_build
 from nhpocp.flow.compiled.kernels import Compiled
 kernel_build.FLAGS = test_kernels.QUICKLY
-print(repr(getattr(test_kernels, sys.argv[2])(Compiled()).sum()))
+for name in sys.argv[2:]:
+    print(repr(getattr(test_kernels, name)(Compiled()).sum()))
 """
 
 
@@ -303,9 +306,10 @@ def test_a_folder_that_takes_nothing(numbers, tmp_path, caplog, monkeypatch):
 
 
 @needs_compiler
-@KINDS
-def test_two_processes_at_once(numbers, cache):
-    command = [sys.executable, "-c", WORKER, str(Path(__file__).parents[3]), numbers.__name__]
+def test_two_processes_at_once(cache):
+    """Each kind of kernel, of sweeps and of shots."""
+    kinds = [kind.__name__ for kind in (sweep, ends, shots)]
+    command = [sys.executable, "-c", WORKER, str(Path(__file__).parents[3]), *kinds]
 
     def work(_):
         return subprocess.run(command, capture_output=True, text=True, check=True, timeout=120)
@@ -313,9 +317,10 @@ def test_two_processes_at_once(numbers, cache):
     with ThreadPoolExecutor() as pool:
         done = list(pool.map(work, range(2)))
     assert done[0].stdout == done[1].stdout
+    assert len(done[0].stdout.splitlines()) == len(kinds)
     assert [one.stderr for one in done] == ["", ""]
-    assert len(stored(cache)) == 1
-    assert len(list(cache.iterdir())) == 1
+    assert len(stored(cache)) == 2
+    assert len(list(cache.iterdir())) == 2
 
 
 @needs_compiler
@@ -422,20 +427,28 @@ def test_bundles_as_they_are_built_in_earnest(cache):
 
 
 @needs_compiler
-@pytest.mark.parametrize("model", SYSTEMS)
-def test_every_system_has_the_same_nlp_compiled(model, cache, caplog, quick):
+@pytest.mark.parametrize(
+    ("model", "free"),
+    # what is free, or constant, enters the kernel beside the system: every system once, one of each kind twice
+    [
+        *((model, True) for model in SYSTEMS),
+        *((model, False) for model in ("three_upu", "unicycle", "rigid_body")),
+    ],
+)
+def test_every_system_has_the_same_nlp_compiled(model, free, cache, caplog, quick):
     """Along guesses that are paths themselves: what is left of their gaps is rounding."""
-    problem = replace(parse_problem(starter(model)), bounds=[])
-    free = replace(problem, horizon=Horizon(1.0, 0.5, 3.0), objective="path_length")
-    for given, settings in ((problem, {}), (free, {"basis": problem.basis, "steps": 2})):
-        compiled, interpreted = (
-            values(transcribed(given, way, **settings)) for way in (Compiled(), Interpreted())
-        )
-        for found, expected in zip(compiled, interpreted, strict=True):
-            scale = max(1.0, np.abs(expected).max())
-            np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * scale)
+    problem, settings = replace(parse_problem(starter(model)), bounds=[]), {}
+    if free:
+        problem = replace(problem, horizon=Horizon(1.0, 0.5, 3.0), objective="path_length")
+        settings = {"basis": problem.basis, "steps": 2}
+    compiled, interpreted = (
+        values(transcribed(problem, way, **settings)) for way in (Compiled(), Interpreted())
+    )
+    for found, expected in zip(compiled, interpreted, strict=True):
+        scale = max(1.0, np.abs(expected).max())
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * scale)
     assert caplog.text == ""
-    assert len(stored(cache)) == 2
+    assert len(stored(cache)) == 1
 
 
 @needs_compiler

@@ -25,15 +25,22 @@ from nhpocp.solvers.continuation.confirmation import confirmed, missed
 from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.step_rules import Adaptive, Euler
 from nhpocp.systems.numeric import numeric_system
+from nhpocp.systems.three_upu import ThreeUPU
 from nhpocp.views.records import own_records
-from tests.conftest import PAPER_START, paper_problem, yaw
+from tests.conftest import PAPER_START, paper_problem, robot, yaw
 
 CHEAP = Auto(Continuation(step_rule=Adaptive(), objective="effort"))
 
 
+def task(name, **changes):
+    """`goals.paper_task`, on the robots that all tests share."""
+    shared = {"system": robot(name)} if name in ThreeUPU.presets else {}
+    return goals.paper_task(name, **{**shared, **changes})
+
+
 def workspace(seed, **changes):
-    problem = goals.paper_task("default", **changes)
-    return goals.paper_task("default", goal=goals.workspace_goal(problem, seed), **changes)
+    problem = task("default", **changes)
+    return task("default", goal=goals.workspace_goal(problem, seed), **changes)
 
 
 def test_the_direct_way_is_enough_for_the_paper(problem):
@@ -56,17 +63,17 @@ def test_a_start_without_rank_is_left_for_a_seeded_one():
     assert sum(entry["evaluations"] for entry in tried) == solution.evaluations == len(solution.iterations)
 
 
-@pytest.mark.parametrize("robot", goals.ROBOTS)
-def test_goals_that_are_reachable_by_construction_are_reached(robot):
+@pytest.mark.parametrize("name", goals.ROBOTS)
+def test_goals_that_are_reachable_by_construction_are_reached(name):
     """`scripts/benchmark_goals.py` tries a hundred of them."""
-    problem = goals.paper_task(robot)
+    problem = task(name)
     for goal in goals.reachable_goals(problem, 3):
-        solution = planning.solve(goals.paper_task(robot, goal=goal), Auto())
+        solution = planning.solve(task(name, goal=goal), Auto())
         assert solution.converged, solution.message
 
 
 def test_generated_goals_are_reproducible_and_clear():
-    problem = goals.paper_task("normal75")
+    problem = task("normal75")
     first, again = (goals.reachable_goals(problem, 2) for _ in range(2))
     for one, other in zip(first, again, strict=True):
         np.testing.assert_array_equal(one["position"], other["position"])
@@ -166,7 +173,7 @@ def test_what_is_not_reached_is_said_with_everything_tried(monkeypatch):
 def test_no_new_try_begins_when_the_budget_is_spent(monkeypatch):
     monkeypatch.setattr(auto, "BUDGET", 10)
     goal = {"position": [0, 0, 500], "orientation": yaw(-np.pi / 2)}
-    solution = planning.solve(goals.paper_task("default", goal=goal), Auto())
+    solution = planning.solve(task("default", goal=goal), Auto())
     assert solution.outcome is Outcome.NOT_REACHED
     assert "Given up after" in solution.message
     assert solution.evaluations < 60
@@ -264,7 +271,7 @@ def test_more_starts_are_tried_where_all_else_failed(monkeypatch):
     """A goal beside det W = 0, which one start of six leads to; manoeuvres get stuck before it."""
     monkeypatch.setattr(geodesic, "SEEDS", 0)
     monkeypatch.setattr(geodesic, "HALVINGS", 0)
-    problem = goals.paper_task("paper_conjecture")
+    problem = task("paper_conjecture")
     problem = replace(problem, goal=goals.near_goal(problem, 34))
     solution = planning.solve(problem, Auto(route="never"))
     assert solution.converged

@@ -179,7 +179,9 @@ def test_the_ode_takes_the_same_steps():
 
 @pytest.mark.parametrize("objective", ["effort", "leg_effort", "path_length"])
 def test_the_null_space_ends_at_the_same_least_cost(objective):
-    solver = Auto(Continuation(step_rule=Adaptive(), objective=objective))
+    solver = Continuation(step_rule=Adaptive(), objective=objective)
+    if objective == "effort":
+        solver = Auto(solver)  # compares starts, whatever they cost
     first, last = assert_the_same(robot, solver, FAR)
     s, tau = FAR[-1]
     unit = {"effort": 1 / tau, "leg_effort": s**2 / tau, "path_length": s}[objective]

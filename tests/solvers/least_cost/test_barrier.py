@@ -15,7 +15,7 @@ from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.initial_control import drawn
 from nhpocp.solvers.continuation.step_rules import Adaptive
 from nhpocp.solvers.least_cost.barrier import barrier_map
-from tests.conftest import PAPER_START, paper_problem
+from tests.conftest import PAPER_START, paper_problem, robot
 
 CHEAP = Continuation(step_rule=Adaptive(), objective="effort")
 
@@ -39,7 +39,7 @@ def test_a_barrier_stands_where_the_equations_invert_what_is_written_out(model):
 
 def turned():
     """`default` turned about y by 0.46, from a start whose way down the effort ends at det S = 0."""
-    problem = goals.paper_task("default")
+    problem = goals.paper_task("default", system=robot("default"))
     problem = replace(problem, goal=goals.near_goal(problem, 4))
     return replace(problem, initial=drawn(problem, np.random.default_rng([7, 18])))
 

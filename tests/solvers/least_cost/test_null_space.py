@@ -103,7 +103,7 @@ def test_unusable_points_are_stepped_back_from():
 
 @pytest.mark.parametrize(
     ("preset", "harmonics"),
-    [("default", 1), ("default", 2), ("normal75", 3), ("paper_conjecture", 4), ("vertical_equal", 2)],
+    [("default", 1), ("normal75", 3), ("paper_conjecture", 4), ("vertical_equal", 2)],
 )
 def test_equals_the_nlp_over_the_same_basis(preset, harmonics):
     basis = Fourier(harmonics)

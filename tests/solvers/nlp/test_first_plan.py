@@ -1,7 +1,5 @@
 """An NLP that begins with another solver's plan never ends with a dearer one, and says whose plan it hands back."""
 
-from dataclasses import dataclass, replace
-
 import numpy as np
 import pytest
 
@@ -17,10 +15,10 @@ from nhpocp.solvers.continuation.step_rules import Adaptive
 from nhpocp.solvers.nlp.first_plan import LoweredGuess, brought, cost_of, dearer, over, reaches
 from nhpocp.solvers.nlp.guesses import SolverGuess
 from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting
-from nhpocp.solvers.nlp.optimizer import failed
 from nhpocp.systems.heisenberg import Heisenberg
 from nhpocp.systems.unicycle import Unicycle
 from tests.conftest import paper_problem
+from tests.solvers.nlp.pretending import Pretending
 
 ADAPTIVE = Auto(Continuation(step_rule=Adaptive()))
 CHEAP = Auto(Continuation(step_rule=Adaptive(), objective="effort", tolerance=1e-6))
@@ -47,22 +45,8 @@ def parking():
     )
 
 
-@dataclass(frozen=True)
-class Lying:
-    """An optimizer that ends where it began, with any claim."""
-
-    claim: Outcome = Outcome.STAGNATED
-    kind = "lying"
-    takes_derivatives = False
-    heeds_stops = True
-    tolerance: float = 1e-6
-
-    def settings(self):
-        return {"plugin": self.kind}
-
-    def solve(self, programme, start, multipliers=None, watch=None):
-        left = failed(programme, start + 0.1, RuntimeError("lie"))
-        return replace(left, outcome=self.claim, status="Word")
+def lying(claim=Outcome.STAGNATED):
+    return Pretending(claim, aside=0.1)
 
 
 def warm(solver=ADAPTIVE, **settings):
@@ -75,9 +59,9 @@ def warm(solver=ADAPTIVE, **settings):
     ("problem", "optimizer"),
     [
         (turning(1.0), {}),
-        (turning(-0.2), {"optimizer": Lying()}),
+        (turning(-0.2), {"optimizer": lying()}),
         (parking(), {}),
-        (parking(), {"optimizer": Lying()}),
+        (parking(), {"optimizer": lying()}),
         (paper_problem(), {}),
     ],
     ids=["turning", "turning, failing", "parking", "parking, failing", "paper"],
@@ -104,7 +88,7 @@ def test_an_optimum_that_costs_more_than_the_plan_is_not_taken():
 
 @pytest.mark.parametrize("claim", [Outcome.STAGNATED, Outcome.ITERATION_LIMIT, Outcome.NOT_FINITE])
 def test_a_plan_is_handed_back_with_its_own_numbers_and_words(claim):
-    solution = planning.solve(turning(1.0), warm(CHEAP, optimizer=Lying(claim)))
+    solution = planning.solve(turning(1.0), warm(CHEAP, optimizer=lying(claim)))
     assert solution.converged, solution.message
     assert solution.message.startswith(
         "Reached; optimality is not certified; the plan it began with is handed"
@@ -118,7 +102,7 @@ def test_a_plan_is_handed_back_with_its_own_numbers_and_words(claim):
 
 def test_what_is_stopped_keeps_the_plan():
     problem = turning(1.0)
-    solution = planning.solve(problem, warm(CHEAP, optimizer=Lying(Outcome.INTERRUPTED)))
+    solution = planning.solve(problem, warm(CHEAP, optimizer=lying(Outcome.INTERRUPTED)))
     assert solution.outcome is Outcome.INTERRUPTED
     assert "the Jacobian method's plan is kept, of effort 6.28" in solution.message
     assert solution.verdict.ok
@@ -128,7 +112,7 @@ def test_what_is_stopped_keeps_the_plan():
 def test_a_plan_within_the_bounds_is_handed_back_within_them():
     limit = 0.95 * np.sqrt(2 * np.pi)  # of the circle's speed
     problem = turning(1.0, bounds=[Bound("control", "u2", -limit, limit)])
-    solution = planning.solve(problem, warm(intervals=5, optimizer=Lying()))
+    solution = planning.solve(problem, warm(intervals=5, optimizer=lying()))
     assert solution.converged, solution.message
     assert "handed back" in solution.message
     assert np.abs(solution.trajectory["u2"]).max() <= limit * (1 + 1e-3)
@@ -136,7 +120,7 @@ def test_a_plan_within_the_bounds_is_handed_back_within_them():
 
 def test_a_plan_that_does_not_reach_the_goal_is_not_handed_back():
     short = Continuation(step_rule=Adaptive(), max_iterations=0)
-    solution = planning.solve(turning(1.0), warm(short, optimizer=Lying()))
+    solution = planning.solve(turning(1.0), warm(short, optimizer=lying()))
     assert "handed_back" not in solution.details
     assert not solution.converged
 

@@ -13,6 +13,7 @@ from nhpocp.constraints.bound import Bound
 from nhpocp.controls.fourier import Fourier
 from nhpocp.controls.projection import project
 from nhpocp.errors import InvalidProblemError
+from nhpocp.flow.compiled.kernels import Compiled
 from nhpocp.horizon import Horizon
 from nhpocp.outcome import Outcome
 from nhpocp.problem import PlanningProblem
@@ -25,7 +26,7 @@ from nhpocp.solvers.nlp.optimizer import failed
 from nhpocp.solvers.nlp.single_shooting import SingleShooting
 from nhpocp.systems.rolling_sphere import RollingSphere
 from nhpocp.systems.three_upu import ThreeUPU
-from tests.conftest import Integrators, paper_problem, yaw
+from tests.conftest import Integrators, compiled_briefly, paper_problem, yaw
 
 CONTINUATION = Continuation(step_rule=Euler(1.0))
 COARSE = Ipopt(tolerance=1e-3)  # asks for few steps an interval
@@ -33,6 +34,19 @@ COARSE = Ipopt(tolerance=1e-3)  # asks for few steps an interval
 
 def optimum(solution):
     return solution.details["objective_value"]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def compiled():
+    """The intervals of the paper's own task, most of what is solved here, as `tests.conftest.swift` the sweeps."""
+    with compiled_briefly():
+        MultipleShooting(intervals=4, steps_per_interval=1, kernels=Compiled()).solve(paper_problem())
+
+
+@pytest.fixture(scope="module")
+def least():
+    """The paper's task at the least effort over 40 intervals."""
+    return MultipleShooting(intervals=40).solve(paper_problem(samples=1001))
 
 
 # --- known optima -------------------------------------------------------------------------------------------
@@ -73,7 +87,7 @@ def test_every_way_leads_to_the_same_optimum(settings, problem):
 
 def test_fourier_controls_beat_the_continuation_in_its_own_space(problem):
     continued = CONTINUATION.solve(problem)
-    solver = MultipleShooting(intervals=50, over_basis=True)
+    solver = MultipleShooting(intervals=20, steps_per_interval=4, over_basis=True)
     solution = planning.solve(problem, solver)
     assert solution.converged
     assert round(optimum(solution), 4) == 2.1167
@@ -84,9 +98,8 @@ def test_fourier_controls_beat_the_continuation_in_its_own_space(problem):
     assert optimum(single.solve(problem)) == pytest.approx(optimum(solution), abs=1e-6)
 
 
-def test_the_continuation_starts_from_a_projected_nlp_control(problem):
-    solution = MultipleShooting(intervals=40).solve(problem)
-    start = project(solution.control, Fourier(2))
+def test_the_continuation_starts_from_a_projected_nlp_control(problem, least):
+    start = project(least.control, Fourier(2))
     continued = planning.solve(replace(problem, initial=start.coefficients), Continuation())
     assert continued.converged
     assert continued.evaluations < 70
@@ -159,8 +172,8 @@ def test_other_objectives_are_what_the_simulation_costs(objective):
 
 
 @pytest.fixture(scope="module")
-def unbounded():
-    return MultipleShooting(intervals=40).solve(paper_problem(samples=1001)).trajectory
+def unbounded(least):
+    return least.trajectory
 
 
 def bounded(bounds, **settings):
@@ -285,14 +298,16 @@ def test_ends_infeasible_where_the_goal_itself_breaks_a_bound():
 
 @pytest.mark.parametrize(
     "settings",
-    [{}, {"optimizer": Fatrop(max_iterations=200)}, {"transcription": SingleShooting, "intervals": 4}],
+    [
+        {},
+        {"optimizer": Fatrop(max_iterations=40)},
+        {"transcription": SingleShooting, "optimizer": Ipopt(max_iterations=40)},
+    ],
     ids=["multiple", "fatrop", "single"],
 )
 def test_what_stands_in_the_way_is_named_with_its_times(settings):
     """Legs that are far too slow."""
-    solution = planning.solve(
-        SLOW_LEGS, MultipleShooting(**{"intervals": 8, "steps_per_interval": 1, **settings})
-    )
+    solution = planning.solve(SLOW_LEGS, MultipleShooting(intervals=4, steps_per_interval=1, **settings))
     assert solution.outcome in (Outcome.STAGNATED, Outcome.ITERATION_LIMIT)
     assert "leg_speed[" in solution.message
     assert " at t=" in solution.message
@@ -357,9 +372,7 @@ class Stub:
         return replace(left, outcome=self.outcome, status="its word")
 
 
-@pytest.mark.parametrize(
-    "outcome", [Outcome.STAGNATED, Outcome.DIVERGED, Outcome.SOLVER_ERROR, Outcome.INTERRUPTED]
-)
+@pytest.mark.parametrize("outcome", [Outcome.DIVERGED, Outcome.SOLVER_ERROR, Outcome.INTERRUPTED])
 def test_every_word_of_an_optimizer_ends_the_solve(outcome):
     stub = Stub(outcome)
     solution = ended(SLOW_LEGS, outcome, optimizer=stub, steps_per_interval=None)

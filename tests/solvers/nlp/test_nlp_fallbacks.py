@@ -1,6 +1,6 @@
 """An NLP that gets stuck goes on from other guesses, says so, and never calls a problem infeasible on IPOPT's word."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,9 +15,9 @@ from nhpocp.solvers.continuation.step_rules import Adaptive
 from nhpocp.solvers.nlp.guesses import SolverGuess
 from nhpocp.solvers.nlp.ipopt import ENDINGS, Ipopt
 from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting
-from nhpocp.solvers.nlp.optimizer import failed
 from nhpocp.systems.heisenberg import Heisenberg
 from tests.conftest import paper_problem, yaw
+from tests.solvers.nlp.pretending import Pretending
 
 FAR = {"position": [0, 0, 27], "orientation": yaw(np.radians(190))}
 START = {"position": [0, 0, 25], "orientation": yaw(np.radians(-100))}
@@ -27,25 +27,11 @@ def nlp(**settings):
     return MultipleShooting(**{"intervals": 10, "kernels": Interpreted(), **settings})
 
 
-@dataclass(frozen=True)
-class Stuck:
-    """An optimizer that never gets away from where it starts."""
-
-    kind = "stuck"
-    takes_derivatives = False
-    heeds_stops = True
-    tolerance: float = 1e-6
-
-    def settings(self):
-        return {"plugin": self.kind}
-
-    def solve(self, programme, start, multipliers=None, watch=None):
-        left = failed(programme, start, RuntimeError("stuck"))
-        return replace(left, outcome=Outcome.INFEASIBLE, status="Restoration_Failed")
+STUCK = Pretending(Outcome.INFEASIBLE, "Restoration_Failed")  # never gets away from where it starts
 
 
 def test_a_guess_that_reaches_a_far_goal_is_better_than_nothing():
-    solution = planning.solve(paper_problem(start=START, goal=FAR), nlp(optimizer=Stuck()))
+    solution = planning.solve(paper_problem(start=START, goal=FAR), nlp(optimizer=STUCK))
     assert solution.converged, solution.message
     attempts = solution.details["attempts"]
     assert [attempt["guess"] for attempt in attempts] == [
@@ -59,9 +45,9 @@ def test_a_guess_that_reaches_a_far_goal_is_better_than_nothing():
     assert "optimality is not certified; the Jacobian method's plan is handed back" in solution.warnings[-1]
 
 
-@pytest.mark.parametrize("limit", [17.7, 18.0])  # 17.63 is needed on the straight way, and more on any other
-def test_legs_that_are_too_slow_are_named_and_nothing_is_called_infeasible(limit):
+def test_legs_that_are_too_slow_are_named_and_nothing_is_called_infeasible():
     """Continuity and goal are no constraints that anybody could loosen."""
+    limit = 17.7  # 17.63 is needed on the straight way, and more on any other
     problem = paper_problem(bounds=[Bound("leg_speed", "u", -limit, limit)])
     solution = planning.solve(problem, nlp(intervals=6, steps_per_interval=1))
     assert solution.outcome in (Outcome.STAGNATED, Outcome.ITERATION_LIMIT)
