@@ -94,7 +94,7 @@ class PathRows:
         path = self._fine_flow.states(self.problem.start_point, coefficients)
         if not np.isfinite(path).all():
             return np.full((len(self._samples.places), 1), np.nan)
-        fine = self._values(self._fine, path, coefficients)
+        fine = lowest_between(self._fine.times, self._values(self._fine, path, coefficients))
         least = np.full((len(self._samples.places), fine.shape[1]), np.inf)
         np.minimum.at(least, self._nearest, fine)
         return least
@@ -151,6 +151,22 @@ class _Samples:
         middles = 0.5 * (self.times[:-1] + self.times[1:])
         sides = [np.searchsorted(middles, fine.times, side) for side in ("left", "right")]
         return np.where(fine.from_left, *sides)
+
+
+def lowest_between(times: Array, values: Array) -> Array:
+    """Values (k, columns), those that are less than both neighbours made as low as the parabola through the three.
+
+    A body that passes a corner at some distance is nearest to it between two samples. Nothing where times repeat.
+    """
+    steps = np.diff(times)
+    even = np.isclose(steps[:-1], steps[1:], rtol=1e-3, atol=0.0) & (steps[:-1] > 0)
+    before, here, after = values[:-2], values[1:-1], values[2:]
+    with np.errstate(all="ignore"):
+        below = (after - before) ** 2 / (8.0 * (after - 2.0 * here + before))
+    dips = even[:, None] & (here <= before) & (here <= after) & (below > 0)
+    lowest = np.array(values)
+    lowest[1:-1] -= np.where(dips, below, 0.0)
+    return lowest
 
 
 def _close(time: float, others: Array, horizon: float) -> bool:

@@ -28,6 +28,9 @@ UPDATES = 60  # to the goal over another basis; what fits that basis takes a few
 ROUNDS = 4  # of the search for less cost: begun anew, it often gets by what has held it up
 DESCENT = 300  # updates to less cost
 LOOSE = 1e-3  # E of that search, which refuses what its steps do not resolve
+# rows of the bounds at one time, by coefficients, for which SLSQP is not begun: of a robot's 17 manoeuvres among
+# obstacles, 20 by 255, it takes 0.7 s a step, and hundreds of steps
+MANY = 2000
 TOWARDS = "falls_towards"  # among the details of a search for less
 LESS = 0.99  # times a cost, what is worth another solve
 SAME = 1e-9  # of a cost: rounding
@@ -141,6 +144,8 @@ class LoweredGuess:
     def _lowered(self, control: Control) -> list[Solution]:
         """One plan at less cost, or none: the search, begun anew where it ended for as long as that gains."""
         plan, name, before = self.plan, self.plan.problem.objective, np.inf
+        if _too_many(plan, control):
+            return []
         found: list[ContinuationResult] = []
         searched = name in costs_of_motion() and not OBJECTIVES[name].lacking_control(control.basis)
         for _ in range(ROUNDS if searched and not plan.problem.bounds else 1):
@@ -159,6 +164,11 @@ class LoweredGuess:
         return []
 
     @property
+    def differs(self) -> bool:
+        """Whether it begins anywhere else than the plan itself."""
+        return len(self._plans) > 1
+
+    @property
     def evaluations(self) -> int:
         """Of the end point, that the search took."""
         return sum(plan.evaluations for plan in self._plans[1:])
@@ -175,11 +185,19 @@ class LoweredGuess:
         held = self.plan.problem
         if ended.control.horizon != held.horizon.fixed or not np.isfinite(ended.final_error):
             return None
+        if _too_many(self.plan, ended.control):
+            return None
         found = _made(self.plan, _search(held, ended.control, NEARER * self.tolerance, UPDATES))
         if not reaches(found, self.tolerance):
             return None
         guess = replace(self, plan=found, kind="where the NLP ended, corrected, at less cost")
         return guess if guess.far_below(self.least) else None
+
+
+def _too_many(plan: Solution, control: Control) -> bool:
+    """Whether bounds have more rows than a search over a control within them can take in."""
+    rows = sum(np.size(plan.trajectory[bound.quantity][0]) for bound in plan.problem.bounds)
+    return rows * control.coefficients.size > MANY
 
 
 def handed_back(failed: Solution, plan: Solution, lowered: LoweredGuess) -> Solution:

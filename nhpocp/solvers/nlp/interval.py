@@ -32,6 +32,9 @@ from nhpocp.task import Task
 MOST, BESIDES = 56_000, 8_000
 # what counts as 1, and the cost by which the objective is softened; one for every bound follows
 UNITS = ("length", "number", "time", "cost", "soft")
+# rows of a bound within an interval, at most: more steps than these integrate it well, but rows make most of an
+# iteration's work, and bounds broken between them are tightened
+LOOKS = 4
 STEADY = 1e-4  # of a path's length: what keeps a horizon in which that is the same near its first value
 
 
@@ -246,7 +249,7 @@ class Interval:
     def _path_rows(
         self, state: ca.SX, control: ca.SX, control_rate: ca.SX | None, chosen: ca.SX, units: ca.SX
     ) -> tuple[Array, list[Any]]:
-        """Rows at the end of every step, and at the interval's start where the control makes a quantity jump.
+        """Rows at the ends of steps, and at the interval's start where the control makes a quantity jump.
 
         ``chosen``: the variables that set the control. The places among the outputs that `Shot` wants, and expressions.
         """
@@ -259,7 +262,7 @@ class Interval:
                     of_pose = not ca.depends_on(ca.SX(expression), chosen)
                     if j == 0 and of_pose:
                         continue
-                    if j < self.steps and lower == upper:
+                    if j < self.steps and (lower == upper or j % -(-self.steps // LOOKS)):
                         continue  # one control cannot hold an equation at several times
                     places[j, i] = self.nodes + len(self.rows)
                     self.rows.append(StatedRow(name, lower, upper, j / self.steps, number, of_pose))

@@ -170,7 +170,7 @@ class MultipleShooting(Constructed):
         lowered = self._lowered(problem, plan) if plan else None
         if lowered:
             lowered = lowered.mended(best) or lowered
-            waiting.insert(0, lowered)
+            waiting = [lowered, *waiting] if lowered.differs else waiting
         while waiting:
             if left is not None and left <= 0:
                 tried.append("max_iterations was reached")
@@ -192,7 +192,7 @@ class MultipleShooting(Constructed):
             tried.append(f"{maker.kind}: {_in_short(solution)}")
             left = left - _iterations(solution) if left is not None else None
             lowered = (lowered.mended(solution) or lowered) if lowered else None
-            if lowered and lowered is not before:
+            if lowered and lowered is not before and lowered.differs:
                 waiting.insert(0, lowered)
         words = f"Guesses that were tried: {'; '.join(tried)}."
         stalled = _uncertified(ended)

@@ -14,6 +14,7 @@ import numpy as np
 
 from nhpocp import so3
 from nhpocp.arrays import Array
+from nhpocp.bodies.hull import Hull
 from nhpocp.errors import MissingDependencyError
 from nhpocp.problem import PlanningProblem
 from nhpocp.solvers.route.route import Poses
@@ -222,13 +223,37 @@ def _box(problem: PlanningProblem) -> Array:
 
 
 def _limits(problem: PlanningProblem, block: Block) -> Array:
-    place = problem.system.state_space.point_slice(block.name)
-    ends = np.stack([problem.start_point[place], problem.goal_point[place]])
+    ends = _ends(problem, block)
     low, high = ends.min(axis=0), ends.max(axis=0)
-    room = HALF_TURN if block.unit == "angle" else ROOM * problem.scales.of(block.unit)
-    box = np.stack([low - room - (high - low), high + room + (high - low)])
+    if block.unit == "angle":
+        room = HALF_TURN + (high - low)
+    else:
+        room = ROOM * problem.scales.of(block.unit) + max(_apart(problem, block.unit), _extent(problem))
+    box = np.stack([low - room, high + room])
     for bound in problem.bounds:
         if bound.quantity == block.name:
             box[0] = np.where(np.isfinite(bound.lower), np.maximum(box[0], bound.lower), box[0])
             box[1] = np.where(np.isfinite(bound.upper), np.minimum(box[1], bound.upper), box[1])
     return np.stack([np.minimum(box[0], low), np.maximum(box[1], high)])
+
+
+def _ends(problem: PlanningProblem, block: Block) -> Array:
+    """A block's coordinates at start and goal, (2, numbers)."""
+    place = problem.system.state_space.point_slice(block.name)
+    return np.stack([problem.start_point[place], problem.goal_point[place]])
+
+
+def _apart(problem: PlanningProblem, unit: str) -> float:
+    """The largest difference of start and goal in a coordinate of that unit: what is between may be as wide as long."""
+    blocks = [b for b in problem.system.state_space.blocks if b.kind != "rotation" and b.unit == unit]
+    return max(float(np.abs(np.diff(_ends(problem, b), axis=0)).max()) for b in blocks)
+
+
+def _extent(problem: PlanningProblem) -> float:
+    """How far the obstacles that end somewhere reach [length], all together: the way leads around them, if need be."""
+    around = problem.system.surroundings
+    hulls = [shape for shape in around.shapes().values() if isinstance(shape, Hull)] if around else []
+    if not hulls:
+        return 0.0
+    corners, radius = np.vstack([hull.corners for hull in hulls]), max(hull.radius for hull in hulls)
+    return float(np.ptp(corners, axis=0).max() + 2.0 * radius)

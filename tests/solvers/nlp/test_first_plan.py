@@ -6,6 +6,7 @@ import pytest
 from nhpocp import planning
 from nhpocp.constraints.bound import Bound
 from nhpocp.controls.piecewise_constant import PiecewiseConstant
+from nhpocp.controls.projection import project
 from nhpocp.flow.compiled.kernels import Interpreted
 from nhpocp.outcome import Outcome
 from nhpocp.problem import PlanningProblem
@@ -146,3 +147,17 @@ def test_what_costs_less_is_still_a_plan():
     assert reaches(guess.least, 1e-6)
     assert guess.control(plan.problem, 1.0, 0).basis == PiecewiseConstant(20)
     assert guess.evaluations > 0
+
+
+def test_no_search_is_begun_that_takes_in_too_many_rows():
+    """Of many pieces among obstacles: SLSQP would take minutes to a step. The plan is kept as it is."""
+    bounds = [Bound("control", name, -9.0, 9.0) for name in ("u1", "u2")]
+    plan = ADAPTIVE.solve(turning(1.0, bounds=bounds))
+    small, large = PiecewiseConstant(12), PiecewiseConstant(600)
+    assert LoweredGuess(plan, small, 1e-6).differs
+    wide = replace(plan, control=project(plan.control, large))
+    guess = LoweredGuess(wide, large, 1e-6)
+    assert not guess.differs
+    assert guess.least is wide
+    assert guess.evaluations == 0
+    assert guess.mended(wide) is None

@@ -40,6 +40,7 @@ ALL = [name for name in BOUNDS if name != "leg_acceleration"]  # which takes a b
 FAMILY = [
     {"bounds": ALL},
     {"bounds": ALL, "basis": Fourier(1), "steps": 2},
+    {"bounds": ["leg_length", "leg_speed"], "steps": 6},
     {"basis": Fourier(2)},
     {"basis": Fourier(1), "bounds": ["leg_acceleration"], "via": [Via(0.4, POSITION)], "steps": 2},
     {"basis": BSpline(1, 2), "bounds": ["leg_acceleration", "control"], "horizon": Horizon(1.5, 0.5, 3.0)},
@@ -140,6 +141,16 @@ def test_rows_are_named_with_their_times():
     assert min(row.time for row in programme.rows if row.name == "leg_length[0]") > 0
     names = {row.name for row in programme.rows if not row.stated}
     assert {"continuity of position[2] at node 3", "start of position[0]", "goal of orientation[2]"} <= names
+
+
+@pytest.mark.parametrize(
+    ("steps", "seen"), [(4, [0.25, 0.5, 0.75, 1]), (5, [0.4, 0.8, 1]), (16, [0.25, 0.5, 0.75, 1])]
+)
+def test_many_steps_do_not_make_many_rows(steps, seen):
+    """Distances from obstacles at each of 16 steps took four fifths of an iteration."""
+    programme, _, _ = transcribed({"bounds": ["leg_length"], "steps": steps})
+    rows = {row.time * INTERVALS for row in programme.rows if row.name == "leg_length[0]"}
+    np.testing.assert_allclose([time for time in sorted(rows) if time < 1.1], seen)
 
 
 @pytest.mark.parametrize(

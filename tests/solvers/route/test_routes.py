@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 import nhpocp
 from nhpocp import planning
+from nhpocp.bodies.obstacles import Obstacle
 from nhpocp.constraints.bound import Bound
 from nhpocp.errors import InvalidProblemError, MissingDependencyError
 from nhpocp.flow.compiled.kernels import Compiled
@@ -220,6 +221,25 @@ def test_vehicles_follow_routes_too(system, start, goal):
     )
     assert solution.converged, solution.message
     assert solution.details["tried"][0]["way"].endswith("along a route")
+
+
+WALL = {"centre": [0, 2], "size": [20, 0.3]}
+CLUSTER = {"centre": [5, 0], "size": [4, 5]}
+
+
+@pytest.mark.parametrize(
+    ("goal", "rectangle"), [([0, 4], WALL), ([10, 0], CLUSTER)], ids=["wider than the way", "as wide as long"]
+)
+def test_routes_lead_around_what_is_wide(goal, rectangle):
+    """Coordinates without bounds were looked for no farther than 2 beside start and goal, each for itself."""
+    problem = nhpocp.PlanningProblem(
+        system=nhpocp.Car(),
+        start={"x": 0, "y": 0, "theta": 0, "phi": 0},
+        goal={"x": goal[0], "y": goal[1], "theta": 0, "phi": 0},
+        obstacles=[Obstacle("rectangle", rectangle)],
+        bounds={"distance": 0.1},
+    )
+    assert find_route(problem, 60.0, 0).route is not None
 
 
 def test_a_car_does_not_turn_its_wheels_across():
