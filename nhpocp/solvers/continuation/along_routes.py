@@ -17,7 +17,6 @@ from nhpocp.solvers.route.sketch import sketched_route, sketched_trees
 
 ATTEMPTS = 6  # with other seeds
 PATIENCE = 80.0  # manoeuvres that a route may seem to take, before another is tried
-DELICATE = 2e6  # times what a start is off, at the end: the replay's own rounding would then be seen
 
 
 class Told(Protocol):
@@ -67,14 +66,13 @@ class AlongRoutes:
                 continue
             self.followed = True
             self._walked(manoeuvres, PATIENCE)
-            if manoeuvres.arrived:
+            if manoeuvres.arrived or manoeuvres.delicate:
                 yield from self._ended(manoeuvres)
             else:
                 slow.append(manoeuvres)
-        if slow:
-            farthest = max(slow, key=lambda one: one.part)
-            self._walked(farthest, np.inf)
-            yield from self._ended(farthest)
+        for manoeuvres in sorted(slow, key=lambda one: one.part, reverse=True):
+            self._walked(manoeuvres, np.inf)
+            yield from self._ended(manoeuvres)
 
     def _walked(self, manoeuvres: RouteManoeuvres, patience: float) -> None:
         for fraction in manoeuvres.walk(patience):
@@ -83,10 +81,10 @@ class AlongRoutes:
     def _ended(self, manoeuvres: RouteManoeuvres) -> Iterator[tuple[str, list[Control], int]]:
         """Those that lead to the goal; others are noted."""
         count, ended = len(manoeuvres.controls), ""
-        if not manoeuvres.arrived:
-            ended = f"manoeuvres along a route, stuck after {count} at {manoeuvres.part:.0%} of it"
-        elif manoeuvres.growth > DELICATE:
+        if manoeuvres.delicate:
             ended = f"{count} manoeuvres along a route, which multiply errors by {manoeuvres.growth:.1g}"
+        elif not manoeuvres.arrived:
+            ended = f"manoeuvres along a route, stuck after {count} at {manoeuvres.part:.0%} of it"
         if ended:
             error = self._search.problem.goal_error(manoeuvres.here)
             self._search.note(ended, "stagnated", error)

@@ -29,6 +29,7 @@ from nhpocp.solvers.continuation.along_routes import AlongRoutes
 from nhpocp.solvers.continuation.confirmation import begun_from, confirmed
 from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.continuation_result import ContinuationResult
+from nhpocp.solvers.continuation.delicate_chain import joined_by_steps
 from nhpocp.solvers.continuation.ending import Ending
 from nhpocp.solvers.continuation.geodesic import Geodesic
 from nhpocp.solvers.continuation.initial_control import drawn
@@ -140,11 +141,8 @@ class _Search:
     def _sketch_of(self, best: ContinuationResult) -> dict[str, Any]:
         """What was seen of routes, but of none that a plan does not follow."""
         way = self.tried[best.details.get("attempt", -1)]["way"] if self.tried else ""
-        return (
-            self.along_routes.sketch
-            if best.outcome is not Outcome.CONVERGED or way.endswith("along a route")
-            else {}
-        )
+        followed = best.outcome is not Outcome.CONVERGED or way.endswith("along a route")
+        return self.along_routes.sketch if followed else {}
 
     def _cheapest(self, first: ContinuationResult) -> ContinuationResult:
         """Of the plan that is at hand, and those to which the null space leads from seeded starts."""
@@ -367,8 +365,7 @@ class _Search:
     def _as_one(self, controls: list[Control], steps: int) -> ContinuationResult:
         """Manoeuvres as one control over the problem's horizon, corrected as one; steps: for the shortest, at least.
 
-        Manoeuvre i would cost E_i in unit time; it gets √E_i / Σ √E of the horizon, with which the whole costs
-        (Σ √E)²/T, the least of all divisions.
+        Manoeuvre i costs E_i in unit time; with √E_i / Σ √E of the horizon the whole costs the least, (Σ √E)²/T.
         """
         weights = np.sqrt([control.effort for control in controls])
         weights = np.maximum(weights, SHORTEST * weights.mean())
@@ -381,7 +378,12 @@ class _Search:
             integrator = replace(integrator, steps=steps)
         solver = replace(self.base, integrator=integrator, objective="none")
         self.way = f"{len(controls)} manoeuvres as one"
-        return self._solve(solver, replace(begun_from(self.problem, whole), bounds=()))
+        problem = replace(self.problem, bounds=())
+        result = self._solve(solver, begun_from(problem, whole))
+        ended = (
+            result.outcome in (Outcome.CONVERGED, Outcome.INTERRUPTED) or problem.via or len(controls) == 1
+        )
+        return result if ended else joined_by_steps(problem, controls, solver, self._solve)
 
 
 def _nearness(result: ContinuationResult) -> tuple[bool, float]:

@@ -10,7 +10,7 @@ from nhpocp.arrays import Array
 from nhpocp.controls.control import Control
 from nhpocp.flow.end_point_map import flow_through, stops_of
 from nhpocp.flow.integrators import Integrator
-from nhpocp.flow.step_error import finer, resolving
+from nhpocp.flow.step_error import ALLOWED, StepError, finer, resolving
 from nhpocp.outcome import Outcome
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Progress
@@ -39,8 +39,11 @@ def confirmed(
             return claimed
         solver = replace(solver, integrator=claimed.integrator)
         error = missed(problem, claimed.control, solver.integrator)
-        if error <= solver.tolerance:
+        unresolved = _unresolved(problem, claimed.control, solver)
+        if error <= solver.tolerance and not unresolved:
             return claimed
+        if unresolved:
+            return replace(claimed, outcome=Outcome.NOT_VERIFIED, message=f"{claimed.message}; {unresolved}")
         if correction == CORRECTIONS:
             break
         # the claim is near enough to the least cost; only the goal, and the bounds, are missed
@@ -52,6 +55,21 @@ def confirmed(
     steps = getattr(finer(solver.integrator), "steps", 0)
     message = f"{claimed.message}; a simulation with {steps} steps misses by E = {error:.3g}"
     return replace(claimed, outcome=Outcome.NOT_VERIFIED, message=message)
+
+
+def _unresolved(problem: PlanningProblem, control: Control, solver: Continuation) -> str:
+    """What is wrong with the most steps that there are, in words: no finer ones would tell."""
+    integrator = solver.integrator
+    if finer(integrator) != integrator:
+        return ""
+    flow = flow_through(problem.system, control.basis, control.horizon, integrator, ())
+    steps = StepError(begun_from(problem, control), integrator, control.horizon)
+    error = steps.error(control.coefficients, flow.end(problem.start_point, control.coefficients))
+    return (
+        f"{integrator.steps} steps may be wrong by E = {error:.3g}"
+        if error > ALLOWED * solver.tolerance
+        else ""
+    )
 
 
 def begun_from(problem: PlanningProblem, control: Control) -> PlanningProblem:

@@ -18,6 +18,7 @@ from nhpocp.problem import PlanningProblem
 from nhpocp.solvers.budget import Budget
 from nhpocp.solvers.continuation.bracket_loops import BracketLoops
 from nhpocp.solvers.continuation.continuation import Continuation
+from nhpocp.solvers.continuation.delicate_chain import end_by_start
 from nhpocp.solvers.continuation.generalized_inverses import MoorePenrose
 from nhpocp.solvers.continuation.initial_control import drawn
 from nhpocp.solvers.continuation.lockstep_search import Lockstep, Method
@@ -30,16 +31,18 @@ from nhpocp.solvers.route.route import Route
 SEEDS = 32  # that are drawn where loops do not lead on
 WIDTHS = (0.1, 0.3, 0.7, 1.2)  # in turn, with which they are
 FEW, MANY = 10, 30  # evaluations of each: from loops, and from what is drawn
-SHORT = 0.3  # length, in units of the problem's scales, below which the latter are tried too
+# length, in units of the problem's scales, below which the latter are tried too: of parts as long as 1 loops lead over
+# 4 of 10, drawn ones over 6
+SHORT = 2.0
 STEPS = 40  # of a manoeuvre's integration
 LEAST = 0.001  # length, in units of the problem's scales, that is tried last
 LOOKS = 20  # at a path, before it is held against all checks
 RESOLVED = 1e-6  # in units of the problem's scales: between ends with the steps of either simulation
 PIECES = 200  # at most
 SEEN = 20  # of them, before it is said how many the route takes
-CHOICE, DEARER = 4, 2.0  # of the cheapest, and times the effort of the first: the least delicate is taken
-HUGE = 1e30  # of a derivative that is no number
-NUDGE = 1e-6  # in units of the scales, for differences
+CHOICE, DEARER = 8, 4.0  # of the cheapest, and times the effort of the first: the least delicate is taken
+FRUGAL = 0.25  # power of the effort by which what errors grow to is multiplied, then
+DELICATE = 2e6  # times what is off at any time: the replay's own rounding would then be seen
 DETOURS, ASIDE = 4, 40  # at most, where no manoeuvre leads on, and the seeded controls that may make one
 LONGER = 1.5  # times what has been reached at once, tried next
 
@@ -86,19 +89,24 @@ class RouteManoeuvres:
         return self.walked >= self.route.length and self._last is None
 
     @property
+    def delicate(self) -> bool:
+        """Whether the controls multiply errors beyond what a replay can check; more of them will not mend that."""
+        return self.growth > DELICATE
+
+    @property
     def part(self) -> float:
         """Of the route that is walked."""
         return self.walked / self.route.length
 
     def walk(self, patience: float = np.inf) -> Iterator[float]:
-        """Adds controls of unit time, one after another, until they have arrived or none leads on.
+        """Adds controls of unit time, one after another, until they have arrived, are delicate, or none leads on.
 
         patience: how many the whole route may seem to take; can be called again with more. Yields the part that is
         walked. Errors: Ctrl-C's.
         """
         step, growth, detours = self.route.length, 1.0, 0
         with Interruption() as interruption, np.errstate(all="ignore"):
-            while len(self.controls) < PIECES and not self.arrived:
+            while len(self.controls) < PIECES and not (self.arrived or self.delicate):
                 if self.walked >= self.route.length:
                     if not self._last_one(interruption):
                         return
@@ -171,18 +179,14 @@ class RouteManoeuvres:
         return True
 
     def _take(self, control: Control, end: Array, derivative: Array) -> None:
+        self.growth = max(self.growth, self._grown(derivative))
         self._along = [derivative @ before for before in (*self._along, np.eye(len(derivative)))]
-        self.growth = max(self.growth, *(float(np.linalg.norm(along, 2)) for along in self._along))
         self.controls.append(control)
         self.here = end
 
     def _derivative(self, control: Control) -> Array:
-        """∂end/∂start (dimension, dimension) of a control from `here`, by differences, in units of the scales."""
-        space, scales = self.problem.system.state_space, self.problem.scales.states
-        starts = [self.here, *(np.asarray(space.retract(self.here, a)) for a in NUDGE * np.diag(scales))]
-        end, *ends = (self._rough.end(start, control.coefficients) for start in starts)
-        derivative = np.array([np.asarray(space.difference(there, end)) / scales for there in ends]).T / NUDGE
-        return derivative if np.isfinite(derivative).all() else HUGE * np.eye(len(scales))
+        """∂end/∂start of a control from `here`, in units of the scales."""
+        return end_by_start(self.problem, self._rough, self.here, control)
 
     def _manoeuvre(self, reach: float, interruption: Interruption) -> bool:
         """Takes one that leads to that much of the route at little cost and stays clear; whether there is one."""
@@ -214,8 +218,16 @@ class RouteManoeuvres:
             if end is not None:
                 clear_ones.append((control, end, self._derivative(control)))
         if clear_ones:
-            self._take(*min(clear_ones, key=lambda one: one[0].effort * np.linalg.norm(one[2], 2)))
+            self._take(*min(clear_ones, key=lambda one: one[0].effort ** FRUGAL * self._grown(one[2])))
         return bool(clear_ones)
+
+    def _grown(self, derivative: Array) -> float:
+        """By how much what is off at the start of any control, one with this derivative the last, is multiplied.
+
+        Seen from the whole chain, not from the last alone: manoeuvres whose errors cancel are preferred.
+        """
+        before = np.array([*self._along, np.eye(len(derivative))])
+        return float(np.linalg.norm(derivative @ before, 2, axis=(1, 2)).max())
 
     def _end(self, control: Control, start: Array) -> Array | None:
         """Where a control leads; None where its path is not clear, or so steep that steps decide it."""

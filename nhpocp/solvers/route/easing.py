@@ -11,6 +11,9 @@ from nhpocp.solvers.route.route import Route
 
 TRIES = 300
 IDLE = 60  # in succession, that change nothing, before no more are made
+WORTH = (
+    5.0  # tries for each manoeuvre that is left: one costs as much as 20 to 50 tries, few of which save one
+)
 EASY = 1.0  # manoeuvres: what takes fewer is left as it is
 GAIN = 0.97  # of the manoeuvres of a part, that another way may take
 REACHES = (0.2, 2.0)  # in units of the scales: half of the part that goes by a pose beside it
@@ -21,7 +24,8 @@ def eased(route: Route, random: np.random.Generator) -> Route:
     """The route with parts gone straight, or by a pose beside them, at random places, where that takes less."""
     idle = 0
     for number in range(TRIES):
-        if idle == IDLE or route.manoeuvres(0.0, route.length) < EASY:
+        left = route.manoeuvres(0.0, route.length)
+        if idle == IDLE or left < EASY or number >= WORTH * left:
             break
         idle += 1
         first, way, last = _straight(route, random) if number % 2 else _beside(route, random)

@@ -26,6 +26,7 @@ from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.route_manoeuvres import RouteManoeuvres
 from nhpocp.solvers.continuation.settings import JacobianSettings
 from nhpocp.solvers.continuation.step_rules import Adaptive
+from nhpocp.solvers.route import easing
 from nhpocp.solvers.route import find_route as find_route_module
 from nhpocp.solvers.route.easing import eased
 from nhpocp.solvers.route.find_route import find_route, lacking
@@ -272,6 +273,14 @@ def test_an_eased_route_takes_fewer_manoeuvres_and_is_valid(bent, bent_route):
     path = np.array([easier.at(length) for length in np.linspace(0.0, easier.length, 1001)])
     assert poses.checks.slacks(path).min() > 0
     np.testing.assert_allclose(easier.waypoints[[0, -1]], ends, atol=1e-9)
+
+
+def test_an_easy_route_is_worth_few_tries(bent_route, monkeypatch):
+    route, tried, beside = bent_route.route, [], easing._beside
+    monkeypatch.setattr(easing, "_beside", lambda *arguments: tried.append(1) or beside(*arguments))
+    monkeypatch.setattr(easing, "WORTH", 1.0)
+    eased(route, np.random.default_rng(1))
+    assert 0 < 2 * len(tried) <= route.manoeuvres(0.0, route.length) + 2
 
 
 def test_a_route_by_another_way_keeps_the_rest(bent_route):
