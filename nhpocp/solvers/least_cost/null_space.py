@@ -103,6 +103,9 @@ def minimise(
         if budget.refused:
             break
         if there is None:
+            if back is None and fresh and search.stranded(point):
+                point, model = search.best, first
+                continue
             if back is None and fresh:
                 break
             if back is None:  # the model was at fault: begin again from its exact part
@@ -175,6 +178,7 @@ class _Search:
         self.surface, self.cost, self.goal = surface, cost, goal
         self.reach: float | None = None  # the longest step that is tried, from what the last one told
         self.blocked = False  # whether the last step met a control that cannot be used
+        self.beside = True  # whether steps may end beside the surface
         first = self.restored(y, far=np.inf)
         if first is None:
             raise NoSurfaceError("the search must start near a usable control that reaches the goal")
@@ -189,6 +193,13 @@ class _Search:
     def back(self, point: _Point) -> _Point | None:
         """A point beside the surface brought to it, from where steps that have become short may succeed; else None."""
         return None if self.on_surface(point) else self.restored(point.y, seen=point)
+
+    def stranded(self, point: _Point) -> bool:
+        """Whether no way leads back to the surface from a point; then no step after that may end beside it."""
+        found = self.beside and not self.on_surface(point)
+        if found:
+            self.beside, self.reach = False, None
+        return found
 
     def restored(
         self,
@@ -230,7 +241,8 @@ class _Search:
         for _ in range(HALVINGS):
             least = 1e-4 * fraction * step.predicted - NOISE * abs(point.f)
             y = point.y + step.normal + fraction * step.along
-            there = self.restored(y, near=partial(_near_enough, step, fraction))
+            near = partial(_near_enough, step, fraction) if self.beside else None
+            there = self.restored(y, near=near)
             if there and self.reduction(point, there) < least and not self.on_surface(there):
                 there = self.restored(there.y, seen=there)  # the price may have been wrong
             if there and self.reduction(point, there) >= least:

@@ -101,6 +101,24 @@ def test_unusable_points_are_stepped_back_from():
     assert 0.5 <= found.y[0] < 0.6
 
 
+def test_a_point_beside_the_surface_from_which_none_leads_back_does_not_end_the_search():
+    """Its model says that a step is good, and what it led to can neither be gone on from nor be brought back."""
+
+    def surface(y):
+        error = y[0] - 0.05 * np.sin(8.0 * y[1]) - 0.2 * y[1] ** 2
+        slopes = [1.0, -0.4 * np.cos(8.0 * y[1]) - 0.4 * y[1]]
+        return (np.array([error]), np.array([slopes])) if abs(y[0]) < 0.3 else None
+
+    def cost(y):
+        there = y - [0.0, 3.0]
+        return float(there @ there), 2.0 * there
+
+    ended = minimise(surface, cost, np.array([0.2 - 0.05 * np.sin(8.0), -1.0]))
+    assert ended.y[0] == pytest.approx(0.3, abs=1e-3)  # where the usable ends
+    assert ended.y[1] > 1.2
+    assert ended.infeasibility < 1e-9
+
+
 @pytest.mark.parametrize(
     ("preset", "harmonics"),
     [("default", 1), ("normal75", 3), ("paper_conjecture", 4), ("vertical_equal", 2)],
