@@ -1,5 +1,7 @@
 """An NLP that begins with another solver's plan never ends with a dearer one, and says whose plan it hands back."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
