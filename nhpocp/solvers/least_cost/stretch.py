@@ -13,9 +13,7 @@ from nhpocp.arrays import Array, norm
 from nhpocp.controls.control import Control
 from nhpocp.errors import OrientationAtPiError
 from nhpocp.flow.cost_map import cost_map
-from nhpocp.flow.dynamics import Dynamics
 from nhpocp.flow.integrators import RungeKutta4
-from nhpocp.horizon import Horizon
 from nhpocp.problem import PlanningProblem
 from nhpocp.solvers.budget import Budget
 from nhpocp.solvers.least_cost.null_space import NoSurfaceError, NullSpaceResult, minimise
@@ -68,10 +66,9 @@ class _Paths:
         kernels = RungeKutta4().kernels.for_long_work()
         rk4 = RungeKutta4(kernels=kernels)
         self._flow = rk4.flow(walls.dynamics, basis, 1.0, times)
-        rate = Dynamics(walls.dynamics.rate, walls.dynamics.linearised, walls.dynamics.observed)
-        self._coarse = rk4.flow(rate, basis, 1.0, times[::FINER])
+        self._coarse = rk4.flow(walls.unwatched, basis, 1.0, times[::FINER])
         self._start = np.append(stretch.start, 0.0)
-        self._space, self._task = problem.system.state_space, problem.tasks[-1]
+        self._space, self._task = problem.system.state_space, replace(problem.tasks[-1], values=stretch.goal)
         self._weights = np.asarray(self._space.weights(problem.error_length))
 
     def see(self, coefficients: Array) -> _Seen | None:
@@ -171,23 +168,12 @@ class _Descent:
 
     def __init__(self, owner: Shortening, stretch: Stretch, budget: Budget) -> None:
         problem = owner.problem
-        space = problem.system.state_space
-        towards = replace(
-            problem,
-            start=space.unpack(stretch.start),
-            goal=stretch.goal,
-            horizon=Horizon(1.0),
-            via=(),
-            bounds=(),
-            basis=stretch.control.basis,
-            initial=stretch.control.coefficients,
-        )
         control = stretch.control
         self.owner, self.stretch, self.budget = owner, stretch, budget
         self.coordinates = Coordinates.natural(owner._metric, control.basis, problem.scales.inputs, 1.0)
         self.shape = control.coefficients.shape
         self.y = self.coordinates.of(control.coefficients.ravel())
-        self.effort = cost_map("effort", towards, control.basis, 1.0, RungeKutta4())
+        self.effort = cost_map("effort", problem, control.basis, 1.0, RungeKutta4())
         self.unit = float(np.max(problem.scales.inputs)) ** 2  # of the effort in unit time
         even = graded(
             np.linspace(0.0, 1.0, 3),
@@ -197,14 +183,14 @@ class _Descent:
             control.breakpoints,
             stretch.steps,
         )
-        self.paths = _Paths(towards, owner.walls, stretch, even)
+        self.paths = _Paths(problem, owner.walls, stretch, even)
         self.first = self.paths.see(control.coefficients)
         if self.first:
             scales = problem.scales.points
             times = graded(
                 even, self.first.path, self.first.slacks, scales, control.breakpoints, stretch.steps
             )
-            self.paths = _Paths(towards, owner.walls, stretch, times)
+            self.paths = _Paths(problem, owner.walls, stretch, times)
             self.first = self.paths.see(control.coefficients)
         self._last: tuple[Array, _Seen] | None = None
         first_error = self.step_error(self.y) if self.first else np.inf

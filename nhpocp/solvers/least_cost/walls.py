@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
@@ -31,6 +32,11 @@ class Walls:
 
     dynamics: Dynamics
     names: tuple[str, ...]
+
+    @cached_property
+    def unwatched(self) -> Dynamics:
+        """The same motion, its slacks not looked at."""
+        return replace(self.dynamics, watched=None)
 
 
 def walls(problem: PlanningProblem) -> Walls | None:
