@@ -26,14 +26,15 @@ from nhpocp.outcome import Outcome
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Progress, Solution, telling
 from nhpocp.solvers.continuation.along_routes import AlongRoutes
+from nhpocp.solvers.continuation.cheapest import cheapest
 from nhpocp.solvers.continuation.confirmation import begun_from, confirmed
 from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.continuation_result import ContinuationResult
 from nhpocp.solvers.continuation.delicate_chain import joined_by_steps
 from nhpocp.solvers.continuation.ending import Ending
 from nhpocp.solvers.continuation.geodesic import Geodesic
-from nhpocp.solvers.continuation.initial_control import drawn
-from nhpocp.solvers.continuation.merging import Merging, joined
+from nhpocp.solvers.continuation.merging import Merging
+from nhpocp.solvers.continuation.pieces import joined
 from nhpocp.solvers.continuation.step_rules import Adaptive
 from nhpocp.solvers.route.find_route import lacking
 from nhpocp.solvers.route.wanted import ROUTE, ROUTE_SECONDS, ROUTES
@@ -43,11 +44,6 @@ SHORTEST = 0.3  # of the mean duration: shorter ones would ask for many steps of
 STEPS_PER_PIECE = 0.4  # of the steps of a whole plan, for the shortest manoeuvre of a sequence
 SAME = 0.01  # of a violation: how far two may be apart that count as one
 BUDGET = 3000  # evaluations, after which no new try begins
-STARTS = 32  # at most, that are compared by what they cost in the end
-WIDTHS = (1.0, 0.5, 2.0)  # of the seeded among them, in turn
-AGREEING = 6  # starts that lead to the least cost so far: others are hardly worth the work
-ALIKE = 5e-3  # relative, of two costs
-NOTHING = 1e-6  # of the objective's unit: less is not worth a search
 FUTILE = 2  # starts that end outside a bound, after which a route is looked for
 FURTHER = 2  # times the restarts: seeded starts that are tried where all else failed
 
@@ -103,6 +99,9 @@ class _Search:
         self.base, self.restarts = solver.continuation, solver.restarts
         self.route = solver.route
         self.along_routes = AlongRoutes(self, solver.route_seconds, required=solver.route == "always")
+        self._plans_along_routes = (
+            self._along_a_route()
+        )  # what the first search leaves of them is for the cheapest
         self._rates = {bound.label for bound in problem.bounds_on_rates}
         self.problem, self.space, self.progress = problem, problem.system.state_space, progress
         self.records: list[Deferred] = []
@@ -130,59 +129,14 @@ class _Search:
         outcome, message = self._ending(best, stopped or last.outcome is Outcome.INTERRUPTED)
         best = replace(best, outcome=outcome, message=message)
         if outcome is Outcome.CONVERGED and "objective_value" in best.details:
-            best = self._cheapest(best)
+            best = cheapest(self, best, self._plans_along_routes)
+        unseen = self.along_routes.sketch if best.outcome is not Outcome.CONVERGED else {}
         return replace(
             best,
             records=self.records,
-            details={**best.details, "tried": self.tried, **self._sketch_of(best)},
+            details={**best.details, "tried": self.tried, **unseen},
             solve_seconds=perf_counter() - began - best.build_seconds,
         )
-
-    def _sketch_of(self, best: ContinuationResult) -> dict[str, Any]:
-        """What was seen of routes, but of none that a plan does not follow."""
-        way = self.tried[best.details.get("attempt", -1)]["way"] if self.tried else ""
-        followed = best.outcome is not Outcome.CONVERGED or way.endswith("along a route")
-        return self.along_routes.sketch if followed else {}
-
-    def _cheapest(self, first: ContinuationResult) -> ContinuationResult:
-        """Of the plan that is at hand, and those to which the null space leads from seeded starts."""
-        plans, allowed = [self._numbered(first)], len(self.records) + BUDGET
-        nothing = NOTHING * OBJECTIVES[self.base.objective].scale(self.problem.scales)
-        for start in range(1, STARTS):
-            least = min(plans, key=_cost)
-            agreed = sum(_alike(plan, least) for plan in plans) == AGREEING
-            if agreed or _cost(least) <= nothing or len(self.records) > allowed:
-                break
-            self.way = f"start {start + 1} of {STARTS} for less {self.base.objective}"
-            try:
-                plan = self._plan_from(start)
-            except KeyboardInterrupt:
-                return replace(
-                    least, outcome=Outcome.INTERRUPTED, message=f"{STOPPED}; best so far: {least.message}"
-                )
-            self.note(self.way, plan.outcome.value, plan.error)
-            if plan.outcome is Outcome.CONVERGED and "objective_value" in plan.details:
-                plans.append(self._numbered(plan))
-        least = min(plans, key=_cost)
-        self.records.sort(key=lambda record: record["attempt"] == least.details["attempt"])  # last, as ever
-        costs = sorted(map(_cost, plans))
-        message = f"{least.message}; the least of {len(plans)} plans" if len(plans) > 1 else least.message
-        return replace(least, message=message, details={**least.details, "costs_of_starts": costs})
-
-    def _numbered(self, plan: ContinuationResult) -> ContinuationResult:
-        """The plan of the last try, with its number."""
-        return replace(plan, details={**plan.details, "attempt": len(self.tried) - 1})
-
-    def _plan_from(self, start: int) -> ContinuationResult:
-        """What a seeded start leads to, the search for least cost included. Errors: Ctrl-C's."""
-        random = np.random.default_rng([self.base.seed, start])
-        initial = drawn(self.problem, random, WIDTHS[start % len(WIDTHS)])
-        plan = self.attempt(replace(self.problem, initial=initial), start)
-        if plan.outcome is Outcome.CONVERGED:
-            plan = self._finished(plan, self.base)
-        if plan.outcome is Outcome.INTERRUPTED:
-            raise KeyboardInterrupt
-        return plan
 
     def _ending(self, best: ContinuationResult, stopped: bool) -> Ending:
         """Of all tries, which end with the best."""
@@ -211,10 +165,10 @@ class _Search:
         """Every way in order, each tried when it is asked for."""
         problem, starts, futile = self.problem, list[ContinuationResult](), 0
         if self.route == "always":
-            yield from self._along_a_route()
+            yield from self._plans_along_routes
         for way, result in self._starts(range(1 + self.restarts)):
             starts.append(result)
-            finished = self._remembered(self._finished(result, self.base))
+            finished = self._remembered(self.finished(result, self.base))
             yield way, finished
             if self._hopeless(only_rates=True):
                 return
@@ -224,7 +178,7 @@ class _Search:
         if self.given_up:
             return
         if self.route == "auto":
-            yield from self._along_a_route()
+            yield from self._plans_along_routes
         geodesic = Geodesic(self)
         # a drift moves the pose between manoeuvres, and forbids them another time than the one they were planned for
         controls = (
@@ -237,9 +191,9 @@ class _Search:
         nearest = min(starts, key=lambda result: result.rank)
         walked = geodesic.walk(nearest)
         if walked is not None:
-            yield "walking the goal", self._finished(walked, self.base)
+            yield "walking the goal", self.finished(walked, self.base)
         for way, result in self._starts(range(1 + self.restarts, 1 + (1 + FURTHER) * self.restarts)):
-            yield way, self._remembered(self._finished(result, self.base))
+            yield way, self._remembered(self.finished(result, self.base))
             if self._hopeless():
                 return
         if nearest.outcome is Outcome.ITERATION_LIMIT and self.base.max_iterations > EVALUATIONS:
@@ -248,12 +202,13 @@ class _Search:
             longer = self._solve(
                 solver, begun_from(replace(problem, bounds=()), nearest.control), nearest.updates
             )
-            yield self.way, self._finished(longer, self.base)
+            yield self.way, self.finished(longer, self.base)
 
     def _along_a_route(self) -> Iterator[tuple[str, ContinuationResult]]:
         """Manoeuvres along a route of poses, where there is one."""
         for way, controls, steps in self.along_routes.ways():
-            yield way, self._joined(controls, steps)
+            plan = self._joined(controls, steps)
+            yield way, replace(plan, details={**plan.details, **self.along_routes.sketch})
 
     def telling(self, way: str) -> None:
         """Says what is being tried."""
@@ -315,7 +270,7 @@ class _Search:
         solver = replace(self.base, objective="none", max_iterations=limit, seed=self.base.seed + seed)
         return self._solve(solver, replace(problem, bounds=()) if problem.bounds else problem)
 
-    def _finished(self, first: ContinuationResult, solver: Continuation) -> ContinuationResult:
+    def finished(self, first: ContinuationResult, solver: Continuation) -> ContinuationResult:
         """The second phase, for a try that has reached the goal: least cost, and the bounds.
 
         What had reached the goal is kept where the second phase ends with a claim that finer steps refute.
@@ -348,8 +303,8 @@ class _Search:
         solver = replace(self.base, integrator=first.integrator)
         asked = self.base.objective != "none" and not self.problem.via
         if not asked or first.outcome is not Outcome.CONVERGED:
-            return self._finished(first, solver)
-        merging = Merging(self.problem, controls, self.base.tolerance, self.base.max_iterations)
+            return self.finished(first, solver)
+        merging = Merging(self.problem, controls, self.base)
         try:
             for effort in merging.run():
                 self.telling(f"merging manoeuvres, effort {effort / self.problem.horizon.fixed:.4g}")
@@ -357,9 +312,9 @@ class _Search:
             return replace(first, outcome=Outcome.INTERRUPTED, message=STOPPED)
         merged = self._as_one([merging.control], merging.steps)
         if merged.outcome is not Outcome.CONVERGED or not merged.control.effort < first.control.effort:
-            return self._finished(first, solver)
+            return self.finished(first, solver)
         if self.problem.bounds or self.base.objective != "effort":
-            return self._finished(merged, replace(self.base, integrator=merged.integrator))
+            return self.finished(merged, replace(self.base, integrator=merged.integrator))
         return merging.told(merged)
 
     def _as_one(self, controls: list[Control], steps: int) -> ContinuationResult:
@@ -389,12 +344,3 @@ class _Search:
 def _nearness(result: ContinuationResult) -> tuple[bool, float]:
     """For the least: what only breaks a bound comes first, then the smallest error."""
     return result.outcome is not Outcome.CONSTRAINT_VIOLATED, result.rank
-
-
-def _cost(plan: ContinuationResult) -> float:
-    """What a plan costs by the objective that was searched for less."""
-    return float(plan.details["objective_value"])
-
-
-def _alike(one: ContinuationResult, other: ContinuationResult) -> bool:
-    return abs(_cost(one) - _cost(other)) <= ALIKE * abs(_cost(other))

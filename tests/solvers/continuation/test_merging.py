@@ -10,17 +10,20 @@ from hypothesis import strategies as st
 
 from nhpocp import planning
 from nhpocp.constraints.bound import Bound
+from nhpocp.controls.bspline import BSpline
 from nhpocp.controls.control import Control
 from nhpocp.controls.fourier import Fourier
 from nhpocp.flow.integrators import RungeKutta4
 from nhpocp.flow.step_error import settled_path
-from nhpocp.interruption import STOPPED
+from nhpocp.interruption import STOPPED, Interruption
 from nhpocp.outcome import Outcome
 from nhpocp.problem import PlanningProblem
 from nhpocp.solvers.continuation import auto
 from nhpocp.solvers.continuation.auto import Auto
 from nhpocp.solvers.continuation.continuation import Continuation
-from nhpocp.solvers.continuation.merging import Merging, concatenated, pieces_of
+from nhpocp.solvers.continuation.direct_controls import DirectControls
+from nhpocp.solvers.continuation.merging import Merging
+from nhpocp.solvers.continuation.pieces import between, concatenated, middle, pieces_of
 from nhpocp.solvers.continuation.step_rules import Adaptive
 from nhpocp.solvers.least_cost.stretch import graded
 from nhpocp.solvers.least_cost.walls import walls
@@ -28,6 +31,7 @@ from nhpocp.systems.unicycle import Unicycle
 from tests.conftest import PAPER_START, paper_problem
 
 PIECES, TOLERANCE = 4, 1e-3
+SOLVER = Continuation(step_rule=Adaptive())
 LEAST = 11.1581587  # effort of the unicycle's unit step aside, by the maximum principle
 
 
@@ -70,6 +74,22 @@ def test_what_is_put_together_leads_where_its_pieces_do(sizes, seed):
     assert whole.effort >= (1.0 - 1e-9) * sum(lengths) ** 2  # the least of all divisions
 
 
+@given(st.floats(0.1, 0.9), st.integers(0, 99))
+@settings(deadline=None, max_examples=20)
+def test_a_control_cut_in_two_leads_where_the_whole_does(time, seed):
+    problem, whole = aside(), Control(Fourier(1), np.random.default_rng(seed).normal(size=(2, 3)))
+    parts = [between(whole, *times, BSpline(3, 9)) for times in ((0.0, time), (time, 1.0))]
+    here = problem.start_point
+    for part in parts:
+        here = settled_path(problem, part, 400, here)[1][-1]
+    np.testing.assert_allclose(end(problem, whole), here, atol=1e-3)
+    half = middle(whole, 2000)
+    times = np.linspace(0.0, 1.0, 20001)
+    speeds = np.linalg.norm(whole(times), axis=1)
+    done = np.cumsum(speeds)
+    assert np.interp(half, times, done) == pytest.approx(0.5 * done[-1], rel=2e-3)
+
+
 @given(st.integers(20, 300), st.lists(st.floats(0.05, 0.95), max_size=3, unique=True))
 @settings(deadline=None, max_examples=20)
 def test_graded_steps_end_at_every_breakpoint_and_come_in_equal_pairs(steps, breakpoints):
@@ -99,9 +119,30 @@ def test_the_walls_have_the_gradient_of_their_differences():
     np.testing.assert_allclose(derivatives[-1, -1], np.array(differences) / 2e-5, rtol=1e-4, atol=1e-6)
 
 
+def test_direct_controls_lead_to_the_pose_and_touch_no_wall():
+    """Beyond x = 0.02 is a wall; those that begin by backing away are left."""
+    free, wall = aside(), Bound("state.x", "x", -2.0, 0.02)
+    counts = []
+    for problem in (free, aside(bounds=[wall])):
+        direct = DirectControls(problem, SOLVER, walls(problem))
+        with Interruption() as interruption:
+            found = direct.between(problem.start_point, problem.goal, interruption)
+        counts.append(len(found))
+        efforts = [control.effort for control in found]
+        assert efforts == sorted(efforts)
+        for control in found:
+            path = settled_path(free, control, 400)[1]
+            np.testing.assert_allclose(path[-1], problem.goal_point, atol=1e-2)
+            assert problem is free or path[:, 0].max() < 0.03
+    assert counts[0] > counts[1] > 0
+    with Interruption() as interruption:  # the walls let nothing through where the start itself is beyond one
+        beyond = np.array([0.5, 0.0, 0.0])
+        assert direct.between(beyond, problem.goal, interruption) == []
+
+
 def test_merging_never_costs_more_and_ends_near_the_least(steps_aside):
     problem = aside()
-    merging = Merging(problem, steps_aside, TOLERANCE, 500)
+    merging = Merging(problem, steps_aside, SOLVER)
     first = merging.effort
     efforts = [first, *merging.run()]
     assert all(later <= (1.0 + 1e-6) * earlier for earlier, later in pairwise(efforts))
@@ -126,7 +167,7 @@ def test_a_merged_plan_is_verified_and_says_what_it_was(steps_aside):
 def test_a_bound_on_the_pose_is_kept(steps_aside):
     """The free motion swings to |x| = 0.5 and more."""
     box = Bound("state.x", "x", -0.3, 0.3)
-    merging = Merging(aside(bounds=[box]), steps_aside, TOLERANCE, 500)
+    merging = Merging(aside(bounds=[box]), steps_aside, SOLVER)
     before = merging.effort
     for _ in merging.run():
         pass
@@ -136,10 +177,10 @@ def test_a_bound_on_the_pose_is_kept(steps_aside):
 
 
 def test_few_evaluations_end_it_early(steps_aside):
-    merging = Merging(aside(), steps_aside, TOLERANCE, 3)
+    merging = Merging(aside(), steps_aside, replace(SOLVER, max_iterations=3))
     for _ in merging.run():
         pass
-    assert merging.evaluations <= 3 * 20
+    assert merging.evaluations <= 3 * 60  # so many searches at most
     assert not merging.stationary
 
 
