@@ -82,6 +82,25 @@ def settled_path(
     return times, path
 
 
+def path_error(problem: PlanningProblem, control: Control, integrator: Integrator) -> float:
+    """How wrong a path is where it is so most, in units of the problem's scales; estimated as `StepError` does.
+
+    The end may be right where a loop close to a singular surface is not, and comes back.
+    """
+    if not isinstance(integrator, RungeKutta4):
+        return 0.0
+    rate, start = Dynamics(numeric_system(problem.system).rate_function), problem.start_point
+    few = replace(integrator, steps=max(1, integrator.steps // FINER))
+    fine, coarse = (each.flow(rate, control.basis, control.horizon) for each in (integrator, few))
+    states = [flow.states(start, control.coefficients) for flow in (fine, coarse)]
+    if not all(np.isfinite(each).all() for each in states):
+        return np.inf
+    places = np.searchsorted(fine.times, coarse.times - 1e-9 * control.horizon)
+    shared = np.abs(fine.times[places] - coarse.times) < 1e-9 * control.horizon
+    change = np.abs(states[0][places] - states[1])[shared] / problem.scales.points
+    return float(change.max()) / (FINER**4 - 1)
+
+
 class StepError:
     """How wrong the end of a path is, estimated from the same path with 1/`FINER` of the steps [E's unit].
 

@@ -19,14 +19,15 @@ from nhpocp.declared import check, whole_number
 from nhpocp.deferred import Deferred
 from nhpocp.errors import expect
 from nhpocp.flow.integrators import RungeKutta4
-from nhpocp.flow.step_error import FINER, MOST
+from nhpocp.flow.simulation import simulate
+from nhpocp.flow.step_error import FINER, MOST, path_error
 from nhpocp.interruption import STOPPED, Interruption
 from nhpocp.objectives.registry import OBJECTIVES
 from nhpocp.outcome import Outcome
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Progress, Solution, telling
 from nhpocp.solvers.continuation.along_routes import AlongRoutes
-from nhpocp.solvers.continuation.cheapest import cheapest
+from nhpocp.solvers.continuation.cheapest import cheapest, on_its_side
 from nhpocp.solvers.continuation.confirmation import begun_from, confirmed
 from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.continuation_result import ContinuationResult
@@ -44,6 +45,7 @@ SHORTEST = 0.3  # of the mean duration: shorter ones would ask for many steps of
 STEPS_PER_PIECE = 0.4  # of the steps of a whole plan, for the shortest manoeuvre of a sequence
 SAME = 0.01  # of a violation: how far two may be apart that count as one
 BUDGET = 3000  # evaluations, after which no new try begins
+RESOLVED = 3e-5  # in units of the problem's scales: by how much a merged path may be wrong anywhere
 FUTILE = 2  # starts that end outside a bound, after which a route is looked for
 FURTHER = 2  # times the restarts: seeded starts that are tried where all else failed
 
@@ -115,9 +117,9 @@ class _Search:
         """The first try whose control a finer simulation confirms; otherwise the one that came nearest."""
         began = perf_counter()
         ended: list[ContinuationResult] = []
-        stopped = False
+        ways, stopped = self._ways(), False  # held, for one that is let go closes what it yields from
         try:
-            for way, result in self._ways():
+            for way, result in ways:
                 ended.append(result)
                 self.note(way, result.outcome.value, result.error)
                 if result.outcome in (Outcome.CONVERGED, Outcome.INTERRUPTED):
@@ -310,12 +312,41 @@ class _Search:
                 self.telling(f"merging manoeuvres, effort {effort / self.problem.horizon.fixed:.4g}")
         except KeyboardInterrupt:
             return replace(first, outcome=Outcome.INTERRUPTED, message=STOPPED)
-        merged = self._as_one([merging.control], merging.steps)
-        if merged.outcome is not Outcome.CONVERGED or not merged.control.effort < first.control.effort:
-            return self.finished(first, solver)
+        merged = self._confirmed_of(merging)
+        if merged is None or not merged.control.effort < first.control.effort:
+            return self._lowered(first, solver)
         if self.problem.bounds or self.base.objective != "effort":
             return self.finished(merged, replace(self.base, integrator=merged.integrator))
         return merging.told(merged)
+
+    def _confirmed_of(self, merging: Merging) -> ContinuationResult | None:
+        """The most merged that finer steps confirm: close to a surface some paths cannot be checked."""
+        merging_on = True
+        while merging_on:
+            parts = [stretch.control for stretch in merging.stretches]
+            merged = self._as_one(parts, max(stretch.steps for stretch in merging.stretches))
+            if merged.outcome is Outcome.INTERRUPTED:
+                return merged
+            if merged.outcome is Outcome.CONVERGED:
+                wrong = path_error(self.problem, merged.control, merged.integrator)
+                print("wrong", wrong, merged.integrator)
+                if wrong <= RESOLVED:
+                    return merged
+            merging_on = merging.back()
+        return None
+
+    def _lowered(self, first: ContinuationResult, solver: Continuation) -> ContinuationResult:
+        """What a joined plan comes to without merging, on its side of the separating surfaces."""
+        found = self.finished(first, solver)
+        lost = found.outcome is Outcome.CONVERGED and not on_its_side(self.problem, found)
+        if not (lost and on_its_side(self.problem, first)):
+            return found
+        name = solver.objective
+        cost = simulate(self.problem, first.control).costs[name]
+        words = f"{first.message}; {name} {cost:.6g}, of which less was found beyond a singular surface only"
+        return replace(
+            first, message=words, details={**first.details, "objective_value": cost, "stationary": False}
+        )
 
     def _as_one(self, controls: list[Control], steps: int) -> ContinuationResult:
         """Manoeuvres as one control over the problem's horizon, corrected as one; steps: for the shortest, at least.

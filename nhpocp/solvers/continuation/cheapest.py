@@ -98,7 +98,7 @@ def _others(
         search.way = f"start {start + 1} of {STARTS} for less {search.base.objective}"
         plan = _from_start(search, start)
         search.note(search.way, plan.outcome.value, plan.error)
-        if _counts(plan) and (not along or _on_its_side(search.problem, plan)):
+        if _counts(plan) and (not along or on_its_side(search.problem, plan)):
             yield plan
 
 
@@ -114,7 +114,7 @@ def _from_start(search: Search, start: int) -> ContinuationResult:
     return plan
 
 
-def _on_its_side(problem: PlanningProblem, plan: ContinuationResult) -> bool:
+def on_its_side(problem: PlanningProblem, plan: ContinuationResult) -> bool:
     """Whether a plan stays on the start's side of every separating surface, as what goes along a route does."""
     control = plan.control
     flow = flow_through(problem.system, control.basis, control.horizon, plan.integrator, ())

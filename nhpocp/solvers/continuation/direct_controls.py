@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -38,8 +38,7 @@ class DirectControls:
         """solver: its tolerance, metric and seed are the continuation's here. walls: that no path may touch."""
         kernels = RungeKutta4().kernels.for_long_work()
         integrator = resolving(RungeKutta4(STEPS, kernels=kernels), problem.basis)
-        method = replace(solver, integrator=integrator, objective="none")
-        self._method = Method(method, Adaptive(), MoorePenrose())
+        self._solver = replace(solver, integrator=integrator, objective="none")
         self._part = replace(problem, horizon=Horizon(1.0), via=(), bounds=(), initial=None)
         self._loops = BracketLoops(self._part, Loops(problem))
         self._flow = integrator.flow(walls.dynamics, problem.basis, 1.0)
@@ -52,17 +51,27 @@ class DirectControls:
         displacement = np.asarray(space.difference(part.goal_point, start))
         starts = self._loops.seeds(start, displacement)
         starts += [drawn(part, self._random, WIDTHS[seed % len(WIDTHS)]) for seed in range(SEEDS)]
-        search = Lockstep(self._method, [part] * len(starts), interruption)
-        plans = search.plans(Budget(EVALUATIONS), np.array(starts)).values()
-        if not plans:
+        controls = corrected(self._solver, part, starts, EVALUATIONS, interruption)
+        if not controls:
             return []
-        ends = self._flow.ends(np.append(start, 0.0), np.array([plan.coefficients for plan in plans]))
-        found = [
-            Control(part.basis, plan.coefficients)
-            for plan, slacks in zip(plans, ends.watched, strict=True)
-            if clear_of(slacks)
-        ]
-        return sorted(found, key=_effort)
+        ends = self._flow.ends(np.append(start, 0.0), np.array([each.coefficients for each in controls]))
+        return [each for each, slacks in zip(controls, ends.watched, strict=True) if clear_of(slacks)]
+
+
+def corrected(
+    solver: Continuation,
+    part: PlanningProblem,
+    starts: Sequence[Array],
+    evaluations: int,
+    interruption: Interruption,
+) -> list[Control]:
+    """Those that lead to a problem's goal, the cheapest first; from Λ₀ each (inputs × size), in so many evaluations.
+
+    Errors: Ctrl-C's.
+    """
+    method = Method(solver, Adaptive(), MoorePenrose())
+    plans = Lockstep(method, [part] * len(starts), interruption).plans(Budget(evaluations), np.array(starts))
+    return sorted((Control(part.basis, plan.coefficients) for plan in plans.values()), key=_effort)
 
 
 def _effort(control: Control) -> float:

@@ -60,6 +60,7 @@ HALF = 0.6  # of the length of both: what counts of each half
 AT_REST = 1e-6  # of the cost's gradient: what is left of it in the null space
 DEARER = 1.05  # times the effort of the stretch: what the smooth basis may cost at first
 STEPS_PER_FUNCTION = 8
+ROUNDING = 1e-6  # of a length
 FINE_STEPS = 400  # of a manoeuvre, when its end is worked out
 
 
@@ -81,6 +82,7 @@ class Merging:
         self.walls = walls(problem)
         self._unit = float(np.max(problem.scales.inputs))
         self.stretches = self._stretches(controls)
+        self._before = list[list[Stretch]]()  # what was left after each level
         self.began = self.effort / problem.horizon.fixed
         self.evaluations = 0
 
@@ -107,6 +109,7 @@ class Merging:
                     for first in (0, 1):
                         yield from self._sweep(search, direct, interruption, level, first)
                     gains = len(self.stretches) > 1 and self.effort <= (1.0 - level.worth) ** 2 * before
+                self._before.append(list(self.stretches))
             yield from self._finish(search)
             self.evaluations = search.evaluations
 
@@ -120,10 +123,14 @@ class Merging:
         """Of all stretches, in unit time."""
         return concatenated([stretch.control for stretch in self.stretches])
 
-    @property
-    def steps(self) -> int:
-        """By which the control is resolved."""
-        return sum(stretch.steps for stretch in self.stretches)
+    def back(self) -> bool:
+        """Goes back to what was left a level before, farther from the walls; whether there is such."""
+        while self._before:
+            stretches = self._before.pop()
+            if _length(stretches) > (1.0 + ROUNDING) * _length(self.stretches):
+                self.stretches, self.stationary = stretches, False
+                return True
+        return False
 
     def told(self, result: ContinuationResult) -> ContinuationResult:
         """The result of the control that is left, with what is known of its effort."""

@@ -15,14 +15,11 @@ from nhpocp.flow.step_error import finer, resolving
 from nhpocp.horizon import Horizon
 from nhpocp.interruption import Interruption
 from nhpocp.problem import PlanningProblem
-from nhpocp.solvers.budget import Budget
 from nhpocp.solvers.continuation.bracket_loops import BracketLoops
 from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.delicate_chain import end_by_start
-from nhpocp.solvers.continuation.generalized_inverses import MoorePenrose
+from nhpocp.solvers.continuation.direct_controls import corrected
 from nhpocp.solvers.continuation.initial_control import drawn
-from nhpocp.solvers.continuation.lockstep_search import Lockstep, Method
-from nhpocp.solvers.continuation.step_rules import Adaptive
 from nhpocp.solvers.route.edges import clear
 from nhpocp.solvers.route.loops import Loops
 from nhpocp.solvers.route.pose_checks import PoseChecks
@@ -204,12 +201,8 @@ class RouteManoeuvres:
         self, part: PlanningProblem, starts: list[Array], evaluations: int, interruption: Interruption
     ) -> bool:
         """Takes it of what these starts lead to, each with so many evaluations at most."""
-        search = Lockstep(
-            Method(self._solver, Adaptive(), MoorePenrose()), [part] * len(starts), interruption
-        )
-        plans = search.plans(Budget(evaluations), np.array(starts)).values()
         clear_ones = list[tuple[Control, Array, Array]]()
-        for control in sorted((Control(part.basis, plan.coefficients) for plan in plans), key=_effort):
+        for control in corrected(self._solver, part, starts, evaluations, interruption):
             if clear_ones and (
                 len(clear_ones) == CHOICE or control.effort > DEARER * clear_ones[0][0].effort
             ):
@@ -242,10 +235,6 @@ class RouteManoeuvres:
 
     def _values(self, pose: Array) -> dict[str, Array]:
         return self.problem.system.state_space.unpack(pose)
-
-
-def _effort(control: Control) -> float:
-    return control.effort
 
 
 def backwards(control: Control) -> Array:

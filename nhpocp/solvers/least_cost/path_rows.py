@@ -26,6 +26,7 @@ from nhpocp.kept import kept
 from nhpocp.objectives.quantity import quantity
 from nhpocp.problem import PlanningProblem
 from nhpocp.singular_values import svd
+from nhpocp.solvers.least_cost.between_samples import around, dips_of, lowest_between
 from nhpocp.systems.numeric import numeric_system
 from nhpocp.systems.system import System
 
@@ -94,9 +95,19 @@ class PathRows:
         path = self._fine_flow.states(self.problem.start_point, coefficients)
         if not np.isfinite(path).all():
             return np.full((len(self._samples.places), 1), np.nan)
-        fine = lowest_between(self._fine.times, self._values(self._fine, path, coefficients))
-        least = np.full((len(self._samples.places), fine.shape[1]), np.inf)
-        np.minimum.at(least, self._nearest, fine)
+        values = self._values(self._fine, path, coefficients)
+        least = np.full((len(self._samples.places), values.shape[1]), np.inf)
+        np.minimum.at(least, self._nearest, lowest_between(self._fine.times, values))
+        dips = dips_of(self._fine.times, values)
+        if len(dips):
+            times, states = around(dips, self._fine.times, path[self._fine.places])
+            tables = [self.basis.table(times, self.horizon)]
+            if self.problem.system.accelerated:
+                tables.append(self.basis.derivative_table(times, self.horizon, "right"))
+            driven = np.hstack([table @ coefficients.T for table in tables])
+            closer = np.hstack([family.values(states, driven) for family in self._families])
+            lowest = closer.reshape(len(dips), -1, closer.shape[1]).min(axis=1)
+            np.minimum.at(least, self._nearest[dips], lowest)
         return least
 
     def worst_words(self, rows: Array) -> str:
@@ -151,22 +162,6 @@ class _Samples:
         middles = 0.5 * (self.times[:-1] + self.times[1:])
         sides = [np.searchsorted(middles, fine.times, side) for side in ("left", "right")]
         return np.where(fine.from_left, *sides)
-
-
-def lowest_between(times: Array, values: Array) -> Array:
-    """Values (k, columns), those that are less than both neighbours made as low as the parabola through the three.
-
-    A body that passes a corner at some distance is nearest to it between two samples. Nothing where times repeat.
-    """
-    steps = np.diff(times)
-    even = np.isclose(steps[:-1], steps[1:], rtol=1e-3, atol=0.0) & (steps[:-1] > 0)
-    before, here, after = values[:-2], values[1:-1], values[2:]
-    with np.errstate(all="ignore"):
-        below = (after - before) ** 2 / (8.0 * (after - 2.0 * here + before))
-    dips = even[:, None] & (here <= before) & (here <= after) & (below > 0)
-    lowest = np.array(values)
-    lowest[1:-1] -= np.where(dips, below, 0.0)
-    return lowest
 
 
 def _close(time: float, others: Array, horizon: float) -> bool:

@@ -17,7 +17,8 @@ from nhpocp.flow.integrators import RungeKutta4
 from nhpocp.outcome import Outcome
 from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.step_rules import Adaptive
-from nhpocp.solvers.least_cost.path_rows import PathRows, lowest_between
+from nhpocp.solvers.least_cost.between_samples import around, dips_of, lowest_between
+from nhpocp.solvers.least_cost.path_rows import PathRows
 from nhpocp.solvers.nlp.ipopt import Ipopt
 from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting
 from nhpocp.systems.numeric import numeric_system
@@ -283,3 +284,20 @@ def test_between_samples_nothing_is_lower_where_values_jump_or_peak():
     lowest = lowest_between(times, np.column_stack([jump, peak]))
     np.testing.assert_array_equal(lowest[:, 1], peak)
     np.testing.assert_array_equal(lowest[:, 0], jump)
+
+
+def test_between_samples_a_kink_is_looked_at_again():
+    """Of two corners that are passed the nearer one changes between two samples: |t - 0.50026| + 0.03."""
+    times = np.linspace(0.0, 1.0, 2001)
+    states = np.column_stack([times, np.sin(times)])
+    values = 0.03 + np.abs(states[:, :1] - 0.50026)
+    (place,) = dips = dips_of(times, values)
+    assert values.min() > 0.03 + 2e-4
+    when, near = around(dips, times, states)
+    np.testing.assert_allclose(near, np.column_stack([when, np.sin(when)]), atol=1e-12)
+    assert (when >= times[place - 1]).all()
+    assert (when < times[place + 1]).all()
+    assert (0.03 + np.abs(near[:, 0] - 0.50026)).min() < 0.03 + 4e-5
+    assert not len(dips_of(times, values + 1.0))  # far from the bound
+    uneven = np.delete(times, place + 2)
+    assert not len(dips_of(uneven, np.delete(values, place + 2, axis=0)))  # a step too wide
