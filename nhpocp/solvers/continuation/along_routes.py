@@ -11,11 +11,12 @@ from nhpocp.controls.control import Control
 from nhpocp.interruption import Interruption
 from nhpocp.problem import PlanningProblem
 from nhpocp.solvers.continuation.continuation import Continuation
-from nhpocp.solvers.continuation.route_manoeuvres import RouteManoeuvres
+from nhpocp.solvers.continuation.route_manoeuvres import FRUGAL, GENTLE, Choice, RouteManoeuvres
 from nhpocp.solvers.route.find_route import find_route, lacking
 from nhpocp.solvers.route.sketch import sketched_route, sketched_trees
 
 ATTEMPTS = 6  # with other seeds
+CHOICES = (FRUGAL, GENTLE)  # in turn
 PATIENCE = 80.0  # manoeuvres that a route may seem to take, before another is tried
 
 
@@ -59,7 +60,7 @@ class AlongRoutes:
             return
         slow: list[RouteManoeuvres] = []
         for attempt in range(ATTEMPTS):
-            manoeuvres = self._manoeuvres(search.base.seed + attempt)
+            manoeuvres = self._manoeuvres(search.base.seed + attempt, CHOICES[attempt % len(CHOICES)])
             if manoeuvres is None:
                 if not self.followed:
                     return
@@ -92,7 +93,7 @@ class AlongRoutes:
         words = f"{count} manoeuvres in sequence" if count > 1 else "a manoeuvre"
         yield f"{words} along a route", manoeuvres.controls, manoeuvres.steps
 
-    def _manoeuvres(self, seed: int) -> RouteManoeuvres | None:
+    def _manoeuvres(self, seed: int, choice: Choice) -> RouteManoeuvres | None:
         """Along a route, if there is one."""
         search = self._search
         search.telling("looking for a route")
@@ -107,4 +108,4 @@ class AlongRoutes:
                 self.sketch = {"trees": sketched_trees(found.trees)}
             return None
         self.sketch = {"route": sketched_route(found.route)}
-        return RouteManoeuvres(search.problem, search.base, found.route, found.checks, seed)
+        return RouteManoeuvres(search.problem, search.base, found.route, found.checks, seed, choice)

@@ -44,6 +44,8 @@ def joined_by_steps(
     solver = replace(solver, integrator=replace(kept, steps=MOST))
     flow = flow_through(problem.system, whole.basis, whole.horizon, solver.integrator, (begins,))
     path = flow.states(problem.start_point, whole.coefficients)
+    if not np.isfinite(path).all():
+        return solve(solver, begun_from(problem, whole))  # which says so
     space = problem.system.state_space
     here = space.nearest(path[stops_of(flow.times, (begins,), whole.horizon)[0]])
     rest = replace(problem, start=space.unpack(here), horizon=Horizon(pieces[-1].horizon))
@@ -56,7 +58,8 @@ def _steps_needed(problem: PlanningProblem, controls: Sequence[Control]) -> Arra
     """Of each control, relative, so that as many steps in all leave the least error at the end of the last.
 
     A scheme of order 4 with n_i steps leaves Σ c_i / n_i⁴, which is least for n_i ~ c_i^(1/5); c_i is what a control is
-    wrong by with as many steps as the others, times what the later ones multiply that by.
+    wrong by with as many steps as the others, times what the later ones multiply that by. As many for all where a few
+    steps do not lead through one of them.
     """
     errors, derivatives, here = list[float](), list[Array](), problem.start_point
     for control in controls:
@@ -66,6 +69,8 @@ def _steps_needed(problem: PlanningProblem, controls: Sequence[Control]) -> Arra
         )
         derivatives.append(end_by_start(problem, rough, here, control))
         end = fine.end(here, control.coefficients)
+        if not np.isfinite(end).all():
+            return np.ones(len(controls))
         errors.append(
             float((np.abs(end - rough.end(here, control.coefficients)) / problem.scales.points).max())
         )
@@ -75,7 +80,8 @@ def _steps_needed(problem: PlanningProblem, controls: Sequence[Control]) -> Arra
         needs.append(error * float(np.linalg.norm(later, 2)))
         later = later @ derivative
     shares = np.asarray(needs[::-1]) ** 0.2
-    return np.maximum(shares, FEWEST * shares.mean()) if shares.any() else np.ones(len(shares))
+    told = shares.any() and np.isfinite(shares).all()
+    return np.maximum(shares, FEWEST * shares.mean()) if told else np.ones(len(shares))
 
 
 def end_by_start(problem: PlanningProblem, flow: Flow, here: Array, control: Control) -> Array:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -37,11 +38,23 @@ LOOKS = 20  # at a path, before it is held against all checks
 RESOLVED = 1e-6  # in units of the problem's scales: between ends with the steps of either simulation
 PIECES = 200  # at most
 SEEN = 20  # of them, before it is said how many the route takes
-CHOICE, DEARER = 8, 4.0  # of the cheapest, and times the effort of the first: the least delicate is taken
-FRUGAL = 0.25  # power of the effort by which what errors grow to is multiplied, then
 DELICATE = 2e6  # times what is off at any time: the replay's own rounding would then be seen
 DETOURS, ASIDE = 4, 40  # at most, where no manoeuvre leads on, and the seeded controls that may make one
 LONGER = 1.5  # times what has been reached at once, tried next
+
+
+class Choice(NamedTuple):
+    """Of manoeuvres that lead on that of the least effort^power times what errors are multiplied by."""
+
+    most: int  # of the cheapest that are compared
+    dearer: float  # times the effort of the first: others are not
+    power: float
+    of_chain: bool  # whether by the whole chain, else by the manoeuvre itself
+
+
+# the former leads far in few steps; along some routes it multiplies errors a hundred times as much, along others the
+# latter takes three times as many steps
+FRUGAL, GENTLE = Choice(4, 2.0, 1.0, False), Choice(8, 4.0, 0.25, True)
 
 
 class RouteManoeuvres:
@@ -54,11 +67,18 @@ class RouteManoeuvres:
     """
 
     def __init__(
-        self, problem: PlanningProblem, solver: Continuation, route: Route, checks: PoseChecks, seed: int
+        self,
+        problem: PlanningProblem,
+        solver: Continuation,
+        route: Route,
+        checks: PoseChecks,
+        seed: int,
+        choice: Choice = GENTLE,
     ) -> None:
         """checks: what the manoeuvres' poses have to meet. seed: of the controls that are tried."""
         self.problem, self.route, self.checks = problem, route, checks
         self.controls: list[Control] = []
+        self._choice = choice
         self.walked = 0.0  # of the route
         self._before = 0  # controls that lead to the start of the route
         self._last: Array | None = None  # Λ that leads from its end to the goal, where it ends beside that
@@ -201,24 +221,26 @@ class RouteManoeuvres:
         self, part: PlanningProblem, starts: list[Array], evaluations: int, interruption: Interruption
     ) -> bool:
         """Takes it of what these starts lead to, each with so many evaluations at most."""
-        clear_ones = list[tuple[Control, Array, Array]]()
+        choice, clear_ones = self._choice, list[tuple[Control, Array, Array]]()
         for control in corrected(self._solver, part, starts, evaluations, interruption):
             if clear_ones and (
-                len(clear_ones) == CHOICE or control.effort > DEARER * clear_ones[0][0].effort
+                len(clear_ones) == choice.most or control.effort > choice.dearer * clear_ones[0][0].effort
             ):
                 break
             end = self._end(control, self.here)
             if end is not None:
                 clear_ones.append((control, end, self._derivative(control)))
         if clear_ones:
-            self._take(*min(clear_ones, key=lambda one: one[0].effort ** FRUGAL * self._grown(one[2])))
+            self._take(*min(clear_ones, key=lambda one: one[0].effort ** choice.power * self._grown(one[2])))
         return bool(clear_ones)
 
     def _grown(self, derivative: Array) -> float:
         """By how much what is off at the start of any control, one with this derivative the last, is multiplied.
 
-        Seen from the whole chain, not from the last alone: manoeuvres whose errors cancel are preferred.
+        Seen from the whole chain, manoeuvres whose errors cancel are preferred.
         """
+        if not self._choice.of_chain:
+            return float(np.linalg.norm(derivative, 2))
         before = np.array([*self._along, np.eye(len(derivative))])
         return float(np.linalg.norm(derivative @ before, 2, axis=(1, 2)).max())
 

@@ -18,7 +18,7 @@ from nhpocp.solvers.continuation.confirmation import begun_from, confirmed
 from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.delicate_chain import joined_by_steps
 from nhpocp.solvers.continuation.initial_control import drawn
-from nhpocp.solvers.continuation.merging import pieces_of
+from nhpocp.solvers.continuation.pieces import pieces_of
 from nhpocp.solvers.continuation.route_manoeuvres import DELICATE, RouteManoeuvres
 from nhpocp.solvers.continuation.step_rules import Adaptive
 from nhpocp.solvers.route.find_route import find_route
@@ -110,7 +110,7 @@ def test_every_slow_route_is_followed_to_its_end_the_farthest_first(problem, mon
     monkeypatch.setattr(type(problem), "goal_error", lambda *_: 1.0)
     walked = [Walked(0.9, False), Walked(0.5, True), *(Walked(0.1, False) for _ in range(ATTEMPTS - 2))]
     along = AlongRoutes(search, 1.0, required=False)
-    monkeypatch.setattr(along, "_manoeuvres", lambda seed: walked[seed - SOLVER.seed])
+    monkeypatch.setattr(along, "_manoeuvres", lambda seed, _: walked[seed - SOLVER.seed])
     (_, controls, _), *_ = along.ways()
     assert controls is walked[1].controls
     assert "90%" in search.notes[0]
@@ -130,6 +130,14 @@ def test_what_needs_more_steps_gets_more_time(to_its_end, chain):
     wild = replace(chain[1], coefficients=WIDER * chain[1].coefficients)
     calm, wilder, _ = delicate_chain._steps_needed(to_its_end, [chain[0], wild, chain[2]])
     assert wilder > calm > 0
+
+
+def test_what_no_steps_lead_through_is_said_to_be_so(to_its_end, chain):
+    lost = replace(chain[1], coefficients=300.0 * chain[1].coefficients)
+    controls = [chain[0], lost, chain[2]]
+    with np.errstate(all="ignore"):
+        np.testing.assert_array_equal(delicate_chain._steps_needed(to_its_end, controls), 1.0)
+        assert joined_by_steps(to_its_end, controls, SOLVER, solved).outcome is not Outcome.CONVERGED
 
 
 @pytest.mark.parametrize(
