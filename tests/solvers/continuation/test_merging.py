@@ -13,12 +13,14 @@ from nhpocp.constraints.bound import Bound
 from nhpocp.controls.bspline import BSpline
 from nhpocp.controls.control import Control
 from nhpocp.controls.fourier import Fourier
+from nhpocp.flow.dynamics import dynamics
 from nhpocp.flow.integrators import RungeKutta4
-from nhpocp.flow.step_error import settled_path
+from nhpocp.flow.step_error import path_error, settled_path
 from nhpocp.interruption import STOPPED, Interruption
 from nhpocp.outcome import Outcome
 from nhpocp.problem import PlanningProblem
 from nhpocp.solvers.continuation import auto
+from nhpocp.solvers.continuation.along_routes import AlongRoutes
 from nhpocp.solvers.continuation.auto import Auto
 from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.direct_controls import DirectControls
@@ -182,6 +184,48 @@ def test_few_evaluations_end_it_early(steps_aside):
         pass
     assert merging.evaluations <= 3 * 60  # so many searches at most
     assert not merging.stationary
+
+
+def test_merging_goes_back_level_by_level_to_what_finer_steps_confirm(steps_aside, monkeypatch):
+    merging = Merging(aside(), steps_aside, SOLVER)
+    for _ in merging.run():
+        pass
+    efforts = [merging.effort]
+    while merging.back():
+        efforts.append(merging.effort)
+    assert efforts == sorted(efforts)
+    assert not merging.back()
+    effort = replace(SOLVER, objective="effort")
+    search = auto._Search(Auto(effort), aside(), None)
+    monkeypatch.setattr(auto, "path_error", lambda *_: 1.0)  # none is resolved
+    result = search._joined(steps_aside, 0)
+    assert result.outcome is Outcome.CONVERGED
+    assert "as joined" not in result.message  # found without
+
+
+def test_other_routes_are_followed_for_less(steps_aside, monkeypatch):
+    def two(self):
+        self.followed = True
+        for number in (1, 2):
+            yield f"4 manoeuvres in sequence, {number}, along a route", steps_aside, 0
+
+    monkeypatch.setattr(AlongRoutes, "ways", two)
+    solution = planning.solve(aside(), Auto(replace(SOLVER, objective="effort"), route="always"))
+    assert solution.converged
+    ways = [entry["way"] for entry in solution.details["tried"]]
+    assert ways[:2] == [f"4 manoeuvres in sequence, {number}, along a route" for number in (1, 2)]
+    assert len(solution.details["costs_of_starts"]) >= 2
+    assert solution.costs["effort"] < 1.05 * LEAST
+
+
+def test_a_path_that_steps_do_not_resolve_is_told_from_one_that_they_do(steps_aside):
+    wild = replace(steps_aside[0], coefficients=4.0 * steps_aside[0].coefficients)
+    few, many = (path_error(aside(), wild, RungeKutta4(steps)) for steps in (16, 160))
+    exact = settled_path(aside(), wild, 6400)[1][::40]
+    coarse = RungeKutta4(160).flow(dynamics(aside().system), wild.basis, 1.0)
+    off = np.abs(coarse.states(aside().start_point, wild.coefficients) - exact[:161]).max()
+    assert few > 100 * many
+    assert many == pytest.approx(off / aside().scales.points.min(), rel=1.0)
 
 
 def test_an_interruption_hands_back_the_joined_plan(steps_aside, monkeypatch):
