@@ -67,7 +67,8 @@ def test_round_trip(solution, tmp_path):
     for name, values in solution.trajectory.items():
         np.testing.assert_array_equal(back.trajectory[name], values)
     again = planning.solve(back.problem, Continuation(step_rule=Euler(1.0)))
-    np.testing.assert_array_equal(again.control.coefficients, solution.control.coefficients)
+    # to rounding: one of the two systems has a kernel
+    np.testing.assert_allclose(again.control.coefficients, solution.control.coefficients, rtol=1e-9)
 
 
 def test_a_plan_of_the_nlp_comes_back_with_its_plugin_and_its_grid(tmp_path):

@@ -7,20 +7,21 @@ import numpy as np
 from nhpocp.arrays import Array
 
 NEAR = 0.1  # of a bound's size: how near to it a dip is looked at again
+SLIGHT = 1e-4  # of a bound's size: what is lower by less is not chased, a tenth of what verification forgives
 LOOKS = 8  # in each step beside it
 
 
 def lowest_between(times: Array, values: Array) -> Array:
     """Values (k, columns), those that are less than both neighbours made as low as the parabola through the three.
 
-    A body that passes a corner at some distance is nearest to it between two samples. Nothing where times repeat.
+    In units of a bound's size. A body that passes a corner at some distance is nearest to it between two samples. Nothing where times repeat.
     """
     steps = np.diff(times)
     even = np.isclose(steps[:-1], steps[1:], rtol=1e-3, atol=0.0) & (steps[:-1] > 0)
     before, here, after = values[:-2], values[1:-1], values[2:]
     with np.errstate(all="ignore"):
         below = (after - before) ** 2 / (8.0 * (after - 2.0 * here + before))
-    dips = even[:, None] & (here <= before) & (here <= after) & (below > 0)
+    dips = even[:, None] & (here <= before) & (here <= after) & (below > SLIGHT)
     lowest = np.array(values)
     lowest[1:-1] -= np.where(dips, below, 0.0)
     return lowest

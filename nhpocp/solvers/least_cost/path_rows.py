@@ -26,7 +26,7 @@ from nhpocp.kept import kept
 from nhpocp.objectives.quantity import quantity
 from nhpocp.problem import PlanningProblem
 from nhpocp.singular_values import svd
-from nhpocp.solvers.least_cost.between_samples import around, dips_of, lowest_between
+from nhpocp.solvers.least_cost.between_samples import SLIGHT, around, dips_of, lowest_between
 from nhpocp.systems.numeric import numeric_system
 from nhpocp.systems.system import System
 
@@ -107,7 +107,8 @@ class PathRows:
             driven = np.hstack([table @ coefficients.T for table in tables])
             closer = np.hstack([family.values(states, driven) for family in self._families])
             lowest = closer.reshape(len(dips), -1, closer.shape[1]).min(axis=1)
-            np.minimum.at(least, self._nearest[dips], lowest)
+            told = np.where(lowest < values[dips] - SLIGHT, lowest, np.inf)
+            np.minimum.at(least, self._nearest[dips], told)
         return least
 
     def worst_words(self, rows: Array) -> str:

@@ -19,7 +19,7 @@ from nhpocp.flow.dynamics import Dynamics
 from nhpocp.flow.integrators import RungeKutta4
 from nhpocp.outcome import Outcome
 from nhpocp.solution_folder import load_solution, save_solution
-from nhpocp.solvers.continuation import auto, confirmation, geodesic
+from nhpocp.solvers.continuation import auto, cheapest, confirmation, geodesic
 from nhpocp.solvers.continuation.auto import Auto
 from nhpocp.solvers.continuation.confirmation import confirmed, missed
 from nhpocp.solvers.continuation.continuation import Continuation
@@ -214,7 +214,7 @@ def turned_lift():
 def straight_lift():
     """At the least effort; of 32 starts, which share their seeds whatever the first is, the best are among 18."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(auto, "STARTS", 18)
+        patch.setattr(cheapest, "STARTS", 18)
         return planning.solve(lifted(0.0, initial=None), CHEAP)
 
 
@@ -235,7 +235,7 @@ def test_a_plan_that_may_be_poor_says_so(monkeypatch, turned_lift):
     alone = planning.solve(lifted(0.0), replace(CHEAP.continuation, max_iterations=40))
     assert alone.converged
     assert any("where it still falls; try `step_rule: auto`" in warning for warning in alone.warnings)
-    monkeypatch.setattr(auto, "STARTS", 9)
+    monkeypatch.setattr(cheapest, "STARTS", 9)
     compared = planning.solve(lifted(0.0), CHEAP)
     least, following = compared.details["costs_of_starts"][:2]
     assert following > 1.1 * least
