@@ -89,7 +89,7 @@ def path_error(problem: PlanningProblem, control: Control, integrator: Integrato
     """
     if not isinstance(integrator, RungeKutta4):
         return 0.0
-    rate, start = Dynamics(numeric_system(problem.system).rate_function), problem.start_point
+    rate, start = dynamics(problem.system), problem.start_point
     few = replace(integrator, steps=max(1, integrator.steps // FINER))
     fine, coarse = (each.flow(rate, control.basis, control.horizon) for each in (integrator, few))
     states = [flow.states(start, control.coefficients) for flow in (fine, coarse)]

@@ -45,7 +45,8 @@ SHORTEST = 0.3  # of the mean duration: shorter ones would ask for many steps of
 STEPS_PER_PIECE = 0.4  # of the steps of a whole plan, for the shortest manoeuvre of a sequence
 SAME = 0.01  # of a violation: how far two may be apart that count as one
 BUDGET = 3000  # evaluations, after which no new try begins
-RESOLVED = 3e-5  # in units of the problem's scales: by how much a merged path may be wrong anywhere
+RESOLVED = 3e-5  # in units of the problem's scales: by how much a path of manoeuvres may be wrong anywhere
+RESERVE = 1.3  # times the steps that would be enough where their error fell as their fourth power
 FUTILE = 2  # starts that end outside a bound, after which a route is looked for
 FURTHER = 2  # times the restarts: seeded starts that are tried where all else failed
 
@@ -369,7 +370,25 @@ class _Search:
         ended = (
             result.outcome in (Outcome.CONVERGED, Outcome.INTERRUPTED) or problem.via or len(controls) == 1
         )
-        return result if ended else joined_by_steps(problem, controls, solver, self._solve)
+        return self._resolved(result if ended else joined_by_steps(problem, controls, solver, self._solve))
+
+    def _resolved(self, plan: ContinuationResult) -> ContinuationResult:
+        """Itself if its steps resolve the whole path, or with more of them; else no claim.
+
+        The end may be right where what leads there is not.
+        """
+        for more in (True, False):
+            if plan.outcome is not Outcome.CONVERGED:
+                return plan
+            wrong, integrator = path_error(self.problem, plan.control, plan.integrator), plan.integrator
+            if wrong <= RESOLVED:
+                return plan
+            if more and isinstance(integrator, RungeKutta4) and np.isfinite(wrong):
+                steps = min(MOST, int(RESERVE * integrator.steps * (wrong / RESOLVED) ** 0.25))
+                solver = replace(self.base, integrator=replace(integrator, steps=steps), objective="none")
+                plan = self._solve(solver, begun_from(replace(self.problem, bounds=()), plan.control))
+        words = f"{plan.message}; its steps may be wrong by {wrong:.2g} of the task's scales on the way"
+        return replace(plan, outcome=Outcome.NOT_VERIFIED, message=words)
 
 
 def _nearness(result: ContinuationResult) -> tuple[bool, float]:

@@ -231,16 +231,20 @@ class RouteManoeuvres:
             if end is not None:
                 clear_ones.append((control, end, self._derivative(control)))
         if clear_ones:
-            self._take(*min(clear_ones, key=lambda one: one[0].effort ** choice.power * self._grown(one[2])))
+            self._take(
+                *min(clear_ones, key=lambda one: one[0].effort ** choice.power * self._weighed(one[2]))
+            )
         return bool(clear_ones)
+
+    def _weighed(self, derivative: Array) -> float:
+        """What a manoeuvre with this derivative multiplies errors by, as the choice counts it."""
+        return self._grown(derivative) if self._choice.of_chain else float(np.linalg.norm(derivative, 2))
 
     def _grown(self, derivative: Array) -> float:
         """By how much what is off at the start of any control, one with this derivative the last, is multiplied.
 
         Seen from the whole chain, manoeuvres whose errors cancel are preferred.
         """
-        if not self._choice.of_chain:
-            return float(np.linalg.norm(derivative, 2))
         before = np.array([*self._along, np.eye(len(derivative))])
         return float(np.linalg.norm(derivative @ before, 2, axis=(1, 2)).max())
 

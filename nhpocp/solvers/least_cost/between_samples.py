@@ -14,7 +14,8 @@ LOOKS = 8  # in each step beside it
 def lowest_between(times: Array, values: Array) -> Array:
     """Values (k, columns), those that are less than both neighbours made as low as the parabola through the three.
 
-    In units of a bound's size. A body that passes a corner at some distance is nearest to it between two samples. Nothing where times repeat.
+    In units of a bound's size. A body that passes a corner is nearest to it between two samples. Nothing where times
+    repeat.
     """
     steps = np.diff(times)
     even = np.isclose(steps[:-1], steps[1:], rtol=1e-3, atol=0.0) & (steps[:-1] > 0)

@@ -199,8 +199,18 @@ def test_merging_goes_back_level_by_level_to_what_finer_steps_confirm(steps_asid
     search = auto._Search(Auto(effort), aside(), None)
     monkeypatch.setattr(auto, "path_error", lambda *_: 1.0)  # none is resolved
     result = search._joined(steps_aside, 0)
-    assert result.outcome is Outcome.CONVERGED
-    assert "as joined" not in result.message  # found without
+    assert result.outcome is Outcome.NOT_VERIFIED
+    assert "may be wrong by 1 " in result.message
+
+
+def test_too_few_steps_for_joined_manoeuvres_are_made_more(steps_aside):
+    search = auto._Search(Auto(SOLVER), aside(), None)
+    coarse = search._as_one(steps_aside, 0)
+    few = replace(coarse, integrator=RungeKutta4(40), outcome=Outcome.CONVERGED)
+    plan = search._resolved(few)
+    assert plan.outcome is Outcome.CONVERGED
+    assert plan.integrator.steps > 40
+    assert path_error(aside(), plan.control, plan.integrator) <= auto.RESOLVED
 
 
 def test_other_routes_are_followed_for_less(steps_aside, monkeypatch):

@@ -19,7 +19,7 @@ from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.delicate_chain import joined_by_steps
 from nhpocp.solvers.continuation.initial_control import drawn
 from nhpocp.solvers.continuation.pieces import pieces_of
-from nhpocp.solvers.continuation.route_manoeuvres import DELICATE, RouteManoeuvres
+from nhpocp.solvers.continuation.route_manoeuvres import DELICATE, FRUGAL, RouteManoeuvres
 from nhpocp.solvers.continuation.step_rules import Adaptive
 from nhpocp.solvers.route.find_route import find_route
 
@@ -68,6 +68,19 @@ def test_what_the_whole_chain_multiplies_counts_not_what_the_last_does(manoeuvre
     assert np.linalg.norm(shrinks, 2) > np.linalg.norm(grows, 2)
     assert manoeuvres._grown(shrinks) == pytest.approx(10.0)
     assert manoeuvres._grown(grows) == pytest.approx(200.0)
+
+
+def test_what_the_chain_multiplies_is_known_whatever_is_chosen_by(problem, manoeuvres):
+    frugal = RouteManoeuvres(problem, SOLVER, manoeuvres.route, manoeuvres.checks, 0, FRUGAL)
+    for _ in frugal.walk():
+        pass
+    whole = np.eye(len(problem.scales.states))
+    here = problem.start_point
+    for control in frugal.controls:
+        flow = flow_through(problem.system, control.basis, 1.0, RungeKutta4(160), ())
+        whole = delicate_chain.end_by_start(problem, flow, here, control) @ whole
+        here = flow.end(here, control.coefficients)
+    assert frugal.growth >= 0.9 * np.linalg.norm(whole, 2)
 
 
 def test_delicate_manoeuvres_are_not_walked_on(manoeuvres, monkeypatch):
