@@ -326,13 +326,8 @@ class _Search:
         while merging_on:
             parts = [stretch.control for stretch in merging.stretches]
             merged = self._as_one(parts, max(stretch.steps for stretch in merging.stretches))
-            if merged.outcome is Outcome.INTERRUPTED:
+            if merged.outcome in (Outcome.CONVERGED, Outcome.INTERRUPTED):
                 return merged
-            if merged.outcome is Outcome.CONVERGED:
-                wrong = path_error(self.problem, merged.control, merged.integrator)
-                print("wrong", wrong, merged.integrator)
-                if wrong <= RESOLVED:
-                    return merged
             merging_on = merging.back()
         return None
 
