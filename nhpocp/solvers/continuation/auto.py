@@ -45,7 +45,9 @@ SHORTEST = 0.3  # of the mean duration: shorter ones would ask for many steps of
 STEPS_PER_PIECE = 0.4  # of the steps of a whole plan, for the shortest manoeuvre of a sequence
 SAME = 0.01  # of a violation: how far two may be apart that count as one
 BUDGET = 3000  # evaluations, after which no new try begins
-RESOLVED = 3e-5  # in units of the problem's scales: by how much a path of manoeuvres may be wrong anywhere
+# in units of the problem's scales: by how much a path of manoeuvres may be wrong anywhere; verification holds stored
+# trajectories to as much where the tolerance is tight
+RESOLVED = 1e-5
 RESERVE = 1.3  # times the steps that would be enough where their error fell as their fourth power
 FUTILE = 2  # starts that end outside a bound, after which a route is looked for
 FURTHER = 2  # times the restarts: seeded starts that are tried where all else failed
@@ -64,7 +66,8 @@ class Auto(Constructed):
     given until then.
 
     The search for least cost (`Continuation.objective`) ends in the valley where it begins, and few of them are deep:
-    it follows on the first way that reaches the goal, and again from seeded starts until six agree on the least.
+    it follows on the first way that reaches the goal, and again from seeded starts until six agree on the least. Where
+    that way led along a route, plans along four routes are merged (`Merging`) and compared before.
     continuation: the method that every try is made with. restarts: seeded starts. route: "auto", or "always" first of
     all, or "never". route_seconds: processor time for which one is looked for, at most.
     Errors: `InvalidProblemError` for restarts that are no whole number, `CallError` for another method;
@@ -102,9 +105,8 @@ class _Search:
         self.base, self.restarts = solver.continuation, solver.restarts
         self.route = solver.route
         self.along_routes = AlongRoutes(self, solver.route_seconds, required=solver.route == "always")
-        self._plans_along_routes = (
-            self._along_a_route()
-        )  # what the first search leaves of them is for the cheapest
+        # what the first search leaves of them is for the cheapest
+        self._plans_along_routes = self._along_a_route()
         self._rates = {bound.label for bound in problem.bounds_on_rates}
         self.problem, self.space, self.progress = problem, problem.system.state_space, progress
         self.records: list[Deferred] = []

@@ -34,8 +34,11 @@ EVALUATIONS = 15  # of each
 class DirectControls:
     """Of a driftless system: corrected from `BracketLoops` and from seeded controls, over the problem's own basis."""
 
-    def __init__(self, problem: PlanningProblem, solver: Continuation, walls: Walls) -> None:
+    def __init__(
+        self, problem: PlanningProblem, solver: Continuation, walls: Walls, interruption: Interruption
+    ) -> None:
         """solver: its tolerance, metric and seed are the continuation's here. walls: that no path may touch."""
+        self._interruption = interruption
         kernels = RungeKutta4().kernels.for_long_work()
         integrator = resolving(RungeKutta4(STEPS, kernels=kernels), problem.basis)
         self._solver = replace(solver, integrator=integrator, objective="none")
@@ -44,14 +47,14 @@ class DirectControls:
         self._flow = integrator.flow(walls.dynamics, problem.basis, 1.0)
         self._random = np.random.default_rng(solver.seed)
 
-    def between(self, start: Array, goal: Mapping[str, Any], interruption: Interruption) -> list[Control]:
+    def between(self, start: Array, goal: Mapping[str, Any]) -> list[Control]:
         """Of unit time from a pose to that of a goal's values, the cheapest first. Errors: Ctrl-C's."""
         space = self._part.system.state_space
         part = replace(self._part, start=space.unpack(start), goal=goal)
         displacement = np.asarray(space.difference(part.goal_point, start))
         starts = self._loops.seeds(start, displacement)
         starts += [drawn(part, self._random, WIDTHS[seed % len(WIDTHS)]) for seed in range(SEEDS)]
-        controls = corrected(self._solver, part, starts, EVALUATIONS, interruption)
+        controls = corrected(self._solver, part, starts, EVALUATIONS, self._interruption)
         if not controls:
             return []
         ends = self._flow.ends(np.append(start, 0.0), np.array([each.coefficients for each in controls]))

@@ -47,11 +47,9 @@ LEVELS = (
     Level(0.003, 60, 0.01),
 )
 WHOLE = 3.0  # length in units of the inputs: what two come to that stay one; longer ones are cut in halves
-DIRECT, TOO_DEAR = (
-    2,
-    1.3,
-)  # direct controls that are searched, and times the length of what they would replace
-WHOLE_FROM = 2  # levels
+DIRECT = 2  # of the direct controls that are searched
+TOO_DEAR = 1.3  # times the length of what one would replace: dearer ones are not
+CALM = 2  # the level from which on the whole is searched as one, after sweeps through all
 MOST_AT_THE_END = 100  # steps of the searches of the whole
 SETTLED = 5e-3  # of the effort: what the last of these takes off a plan that no surface holds
 FUNCTIONS, FEWEST_FUNCTIONS = 4.0, 12  # of a smooth basis, for each unit of length, and at least
@@ -101,13 +99,13 @@ class Merging:
             return
         with Interruption() as interruption, np.errstate(all="ignore"):
             search = Shortening(self.problem, self.walls, self.allowed, interruption.check)
-            direct = DirectControls(self.problem, self._solver, self.walls)
+            direct = DirectControls(self.problem, self._solver, self.walls, interruption)
             for level in LEVELS:
                 gains = len(self.stretches) > 1
                 while gains:
                     before = self.effort
                     for first in (0, 1):
-                        yield from self._sweep(search, direct, interruption, level, first)
+                        yield from self._sweep(search, direct, level, first)
                     gains = len(self.stretches) > 1 and self.effort <= (1.0 - level.worth) ** 2 * before
                 self._before.append(list(self.stretches))
             yield from self._finish(search)
@@ -117,11 +115,6 @@ class Merging:
     def effort(self) -> float:
         """Of all stretches in unit time, divided among them as is best."""
         return _length(self.stretches) ** 2
-
-    @property
-    def control(self) -> Control:
-        """Of all stretches, in unit time."""
-        return concatenated([stretch.control for stretch in self.stretches])
 
     def back(self) -> bool:
         """Goes back to what was left a level before, farther from the walls; whether there is such."""
@@ -145,18 +138,14 @@ class Merging:
         )
         return replace(result, message=message, details={**result.details, **details})
 
-    def _sweep(
-        self, search: Shortening, direct: DirectControls, interruption: Interruption, level: Level, first: int
-    ) -> Iterator[float]:
+    def _sweep(self, search: Shortening, direct: DirectControls, level: Level, first: int) -> Iterator[float]:
         """Along the motion, neighbour by neighbour from that one on."""
         place = first
         while place + 1 < len(self.stretches):
             pair = self.stretches[place : place + 2]
             ways = [
                 *self._from_joined(search, pair, level),
-                *self._from_direct(
-                    search, direct.between(pair[0].start, pair[1].goal, interruption), pair, level
-                ),
+                *self._from_direct(search, direct.between(pair[0].start, pair[1].goal), pair, level),
             ]
             if ways:
                 both = min(ways, key=_own_length)
@@ -255,7 +244,7 @@ class Merging:
         """The whole as one, and without walls where none holds it."""
         budget, weights = Budget(self.most * len(LEVELS)), [level.weight for level in LEVELS]
         if len(self.stretches) > 1:
-            weights = weights[WHOLE_FROM:]  # they have been through the others
+            weights = weights[CALM:]  # they have been through the others
         for weight in (*weights, 0.0):
             whole, last = together(self.stretches), self.effort
             try:

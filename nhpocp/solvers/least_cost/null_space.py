@@ -103,14 +103,11 @@ def minimise(
         if budget.refused:
             break
         if there is None:
-            if back is None and fresh and search.stranded(point):
-                point, model = search.best, first
-                continue
-            if back is None and fresh:
+            if back is None and fresh and not search.stranded(point):
                 break
             if back is None:  # the model was at fault: begin again from its exact part
-                model, fresh = first, True
-            point = back or point
+                back, model, fresh = search.best if fresh else point, first, True
+            point = back
             continue
         change = there.lagrangian_slope(there.mu) - point.lagrangian_slope(there.mu)
         model, fresh = model.updated(there.y - point.y, change), False
