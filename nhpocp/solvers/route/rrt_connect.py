@@ -225,10 +225,12 @@ def _box(problem: PlanningProblem) -> Array:
 def _limits(problem: PlanningProblem, block: Block) -> Array:
     ends = _ends(problem, block)
     low, high = ends.min(axis=0), ends.max(axis=0)
+    room, beside = ROOM * problem.scales.of(block.unit), high - low
     if block.unit == "angle":
-        room = HALF_TURN + (high - low)
-    else:
-        room = ROOM * problem.scales.of(block.unit) + max(_apart(problem, block.unit), _extent(problem))
+        room = HALF_TURN
+    elif around := _extent(problem):  # without, ways that go far off take three times as many manoeuvres
+        beside = max(_apart(problem, block.unit), around)
+    room = room + beside
     box = np.stack([low - room, high + room])
     for bound in problem.bounds:
         if bound.quantity == block.name:

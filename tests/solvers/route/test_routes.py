@@ -32,7 +32,7 @@ from nhpocp.solvers.route.easing import eased
 from nhpocp.solvers.route.find_route import find_route, lacking
 from nhpocp.solvers.route.pose_checks import least_margins, pose_checks, signed_least
 from nhpocp.solvers.route.route import Poses, Route
-from nhpocp.solvers.route.rrt_connect import Trees
+from nhpocp.solvers.route.rrt_connect import ROOM, Trees, _box
 from nhpocp.systems.numeric import numeric_system
 from tests.conftest import paper_problem, yaw
 
@@ -364,3 +364,14 @@ def test_the_signed_least_singular_value_is_lapacks(entries, shrunk):
     assert abs(abs(value) - expected[-1]) <= 1e-7 * expected[0]
     if expected[-1] > 1e-6 * expected[0]:
         assert value * np.linalg.det(matrix) > 0
+
+
+def test_with_nothing_around_no_route_goes_far_off():
+    """Through a wider box a robot's routes took three times as many manoeuvres."""
+    task = goals.random_robot_task(65)
+    problem = task.towards(goals.walked_goal(task, 65))
+    low, high = _box(problem)
+    ends = np.stack([problem.start_point[:3], problem.goal_point[:3]])
+    reach = ROOM * problem.scales.length + np.ptp(ends, axis=0)
+    np.testing.assert_allclose(low, ends.min(axis=0) - reach)
+    np.testing.assert_allclose(high, ends.max(axis=0) + reach)
