@@ -9,12 +9,15 @@ from __future__ import annotations
 import hashlib
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import count
 from pathlib import Path
 from types import ModuleType
 from typing import NamedTuple
 
 import casadi as ca
+import numpy as np
 
+from nhpocp.arrays import Array
 from nhpocp.flow import tableau as recipe_of_steps
 from nhpocp.flow.compiled.kernel_cache import NotCompilableError
 from nhpocp.flow.tableau import Tableau
@@ -24,6 +27,7 @@ LANES = 8  # numbers side by side
 _FUNCTION = re.compile(r"\nstatic int casadi_f\d+\(.*?\) \{\n(.*?)\n  return 0;\n\}", re.DOTALL)
 _INPUT = re.compile(r"arg\[(\d)\]\? arg\[\1\]\[(\d+)\] : 0")
 _OUTPUT = re.compile(r"if \(res\[(\d)\]!=0\) res\[\1\]\[(\d+)\]=")
+_CONSTANT = re.compile(r"^( *a\d+)=(-?\d[\d.]*(?:e[+-]?\d+)?);$", re.MULTILINE)
 _OTHER = re.compile(r"\b(arg|res|iw|w)\b")
 _HELPER = re.compile(r"^casadi_real casadi_", re.MULTILINE)
 _DEFINITION = re.compile(
@@ -123,6 +127,16 @@ def straight_lines(functions: Sequence[ca.Function]) -> tuple[str, list[str]]:
 def helpers_alone(head: str) -> str:
     """CasADi's helpers in a text that shares its program with others: nothing of it is exported or prefixed."""
     return "\n".join([_OF_OURS, *(definition[0] for definition in _DEFINITION.finditer(head)), ""])
+
+
+def numbers_apart(text: str) -> tuple[str, Array]:
+    """A text with the constants of CasADi's code read from an array, and that.
+
+    Of robots that differ in numbers only one text comes out, and one kernel serves them all.
+    """
+    numbers = [float(constant) for _, constant in _CONSTANT.findall(text)]
+    places = count()
+    return _CONSTANT.sub(lambda found: f"{found[1]}=NUMBERS[{next(places)}];", text), np.array(numbers)
 
 
 def sizes_text(tableau: Tableau, **sizes: int) -> str:

@@ -41,7 +41,7 @@ class NotCompilableError(Exception):
 class Recipe(NamedTuple, Generic[K]):
     """How a kernel is made of what asks for it."""
 
-    identity: Callable[[], str]  # all that the C text depends on, cheap to say
+    identity: Callable[[], str]  # all that the C text depends on, or `NotCompilableError`
     source: Callable[[], str]  # that text, or `NotCompilableError`
     loaded: Callable[[Path], K]  # the kernel of a file, `OSError` or `AttributeError` where it is none
     agrees: Callable[[K], bool | None]  # whether it says what CasADi says; None where that cannot be told
@@ -89,7 +89,8 @@ class Place(Generic[K]):
             except OSError as error:
                 self._give_up(f"there is no place for kernels ({error.strerror})")
                 return False
-            self._key = _key(recipe.identity())
+            identity = self._said(recipe.identity)
+            self._key = _key(identity) if identity else ""
         return bool(self._key)
 
     def _stored(self, recipe: Recipe[K]) -> Path | None:
@@ -105,16 +106,16 @@ class Place(Generic[K]):
                 notice(f"the kernel {path} {fault} and was removed")
         return None
 
-    def _text(self, recipe: Recipe[K]) -> str:
+    def _said(self, text: Callable[[], str]) -> str:
         try:
-            return recipe.source()
+            return text()
         except NotCompilableError as error:
             self._give_up(str(error))
             return ""
 
     def _built(self, recipe: Recipe[K]) -> Path | None:
         """The kernel, built now."""
-        text = self._text(recipe) if self._named(recipe) else ""
+        text = self._said(recipe.source) if self._named(recipe) else ""
         if not text:
             return None
         try:
@@ -135,7 +136,7 @@ class Place(Generic[K]):
             if kernel_build.busy(place):
                 return
             kernel_folder.remove_workshop(place)  # given up
-            text = self._text(recipe)
+            text = self._said(recipe.source)
             if not text:
                 return
             workshop = kernel_build.new_workshop(place.parent, text)

@@ -12,10 +12,12 @@ from time import perf_counter
 from typing import TypeVar
 from weakref import proxy
 
+import numpy as np
+
 from nhpocp.arrays import Array
 from nhpocp.constructed import Constructed
 from nhpocp.flow.compiled import shot_source, sweep_source
-from nhpocp.flow.compiled.c_functions import LANES
+from nhpocp.flow.compiled.c_functions import LANES, numbers_apart
 from nhpocp.flow.compiled.kernel_cache import Place, Recipe, agree, nudged
 from nhpocp.flow.compiled.shot_kernel import KernelShots, ShotKernel, tried
 from nhpocp.flow.compiled.sweep_kernel import SweepKernel
@@ -24,6 +26,8 @@ from nhpocp.flow.shot import Shot, Shots
 from nhpocp.kept import kept
 
 TRIED_STEPS = 4  # of the first sweep, on which a kernel is tried
+# times what a path began with: one that has met a pole and runs away tells nothing, for it multiplies what rounds there
+AWAY = 1e9
 SOLVE = 4.6e-6  # seconds that a solve takes, roughly, for each instruction (`Shot.length`) of each interval
 
 K = TypeVar("K")
@@ -125,14 +129,22 @@ def _recipe(scheme: Scheme, start: Array, grid: Grid, coefficients: Array) -> Re
     def agrees(kernel: SweepKernel) -> bool | None:
         trial = Bundle.trial(start, grid.first(TRIED_STEPS), coefficients, LANES + 1)
         nearby = trial._replace(start=nudged(trial.start), coefficients=nudged(trial.coefficients))
-        return agree(kernel.bundled(trial), scheme.bundled(trial), scheme.bundled(nearby))
+        expected = scheme.bundled(trial)
+        told = agree(kernel.bundled(trial), expected, scheme.bundled(nearby))
+        away = not np.abs(expected.states).max() < AWAY * (1.0 + np.abs(start).max())
+        return told or (None if away else told)
 
     return Recipe(
-        lambda: sweep_source.identity(scheme),
-        lambda: sweep_source.c_source(scheme),
-        lambda path: SweepKernel(proxy(scheme), path),  # it is kept with the scheme
+        lambda: _shared(scheme)[0],
+        lambda: _shared(scheme)[0],
+        lambda path: SweepKernel(proxy(scheme), path, _shared(scheme)[1]),  # it is kept with the scheme
         agrees,
     )
+
+
+@kept(most=4)  # for the moment
+def _shared(scheme: Scheme) -> tuple[str, Array]:
+    return numbers_apart(sweep_source.c_source(scheme))
 
 
 @kept(most=64)

@@ -17,8 +17,10 @@ from nhpocp.kept import kept
 class SweepKernel:
     """The C text of `sweep_source`, loaded."""
 
-    def __init__(self, scheme: Scheme, path: Path) -> None:
-        self._scheme, self._library = scheme, Library(path, "nhpocp_sweep", "iippippipppp")
+    def __init__(self, scheme: Scheme, path: Path, numbers: Array) -> None:
+        """numbers: of the scheme, which the text reads."""
+        self._scheme, self._library = scheme, Library(path, "nhpocp_sweep", "piippippipppp")
+        self._numbers = numbers
 
     def swept(self, sweep: Sweep) -> Swept:
         """As `Kernels.swept`."""
@@ -59,7 +61,7 @@ class SweepKernel:
         watched = np.empty((k, (steps + 1) * bool(stops), scheme.watches))
         grid_at, paths_at = (steps, h, nodes, count), (address(controls), address(paths))
         stops_at = len(stops), numbers_at, work_at, address(gathered), address(watched)
-        self._library.call(k, *grid_at, *paths_at, *stops_at)
+        self._library.call(address(self._numbers), k, *grid_at, *paths_at, *stops_at)
         return paths, gathered, watched
 
     def _work(self, steps: int, paths: int) -> int:

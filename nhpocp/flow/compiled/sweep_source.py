@@ -6,18 +6,15 @@ where they are pulled back. The steps themselves can only follow one another.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping
 
 import casadi as ca
 
-from nhpocp.flow import runge_kutta
 from nhpocp.flow.compiled.c_functions import (
     LANES,
     Lanes,
     functions_text,
     helpers_alone,
-    identified,
     sizes_text,
 )
 from nhpocp.flow.compiled.kernel_cache import NotCompilableError
@@ -35,6 +32,10 @@ _FUNCTIONS = {
         "y", "numbers", "points", {"y": "l * N + (j)", "numbers": "l * W + (j)"}, "long long points"
     ),
 }
+
+_NUMBERS = """
+static const double *NUMBERS; /* of the call that is being answered: a kernel answers one at a time */
+"""
 
 _WALK = r"""
 /* where value j of sample s stands among samples of `size` values each */
@@ -103,15 +104,16 @@ static void pull(long long steps, const double *h, const long long *nodes, long 
 """
 
 _SWEEP = r"""
-/* paths: of so many y and u. y: steps + 1 states each, the first given. nodes: for each step, which of the count
-   controls u (count x M) it sees. gathered: for each stop, the derivatives of the observed rows there by all these
-   controls, stops x count x R x M; without stops none is worked out. numbers: the watched ones at every state, with
-   stops. work: E L doubles for every L samples, and (N + M) L for each of the paths, up to L; a step has as many
-   samples as its stages and, so that L hold whole steps, up to a power of two. */
-CASADI_SYMBOL_EXPORT void nhpocp_sweep(long long paths, long long steps, const double *h, const long long *nodes,
-                                       long long count, const double *u, double *y,
+/* numbers: what `numbers_apart` has taken out. paths: of so many y and u. y: steps + 1 states each, the first given.
+   nodes: for each step, which of the count controls u (count x M) it sees. gathered: for each stop, the derivatives of
+   the observed rows there by all these controls, stops x count x R x M; without stops none is worked out. seen: what is
+   watched at every state, with stops. work: E L doubles for every L samples, and (N + M) L for each of the paths, up to
+   L; a step has as many samples as its stages and, so that L hold whole steps, up to a power of two. */
+CASADI_SYMBOL_EXPORT void nhpocp_sweep(const double *numbers, long long paths, long long steps, const double *h,
+                                       const long long *nodes, long long count, const double *u, double *y,
                                        long long stops, const long long *stop,
-                                       double *work, double *gathered, double *numbers) {
+                                       double *work, double *gathered, double *seen) {
+  NUMBERS = numbers;
   const long long blocks = (SLOTS * steps + L - 1) / L, states = (steps + 1) * N, stride = blocks * (N + M) * L;
   double *tape = work, *samples = stops ? tape + blocks * E * L : 0;
   for (long long p = 0; p < paths; ++p) {
@@ -119,22 +121,17 @@ CASADI_SYMBOL_EXPORT void nhpocp_sweep(long long paths, long long steps, const d
     const double *sample = stops ? samples + lane * stride : 0;
     if (p >= paths / L * L) walk(steps, h, nodes, u, y, samples);
     else if (lane == 0) walk_abreast(steps, h, nodes, u, y, samples, count * M, states, stride);
-    if (stops) watched(steps + 1, y, numbers);
+    if (stops) watched(steps + 1, y, seen);
     for (long long b = 0; stops && b < blocks; ++b, sample += (N + M) * L)
       slopes(sample, sample + N * L, tape + b * E * L);
     for (long long s = 0; s < stops; ++s, gathered += count * R * M)
       pull(stop[s], h, nodes, count, y + N * stop[s], tape, gathered);
     u += count * M;
     y += states;
-    numbers += (steps + 1) * W;
+    seen += (steps + 1) * W;
   }
 }
 """
-
-
-def identity(scheme: Scheme) -> str:
-    """All that the C text depends on."""
-    return identified(scheme.functions, scheme.tableau, sys.modules[__name__], runge_kutta)
 
 
 def c_source(scheme: Scheme) -> str:
@@ -145,7 +142,7 @@ def c_source(scheme: Scheme) -> str:
     head, texts = functions_text(
         {name: (getattr(scheme, name.removesuffix("_abreast")), lanes) for name, lanes in _FUNCTIONS.items()}
     )
-    return f"{head}{_letters_text(scheme)}{texts}{_WALK}{_WALK_ABREAST}{_PULL}{_SWEEP}"
+    return f"{head}{_NUMBERS}{_letters_text(scheme)}{texts}{_WALK}{_WALK_ABREAST}{_PULL}{_SWEEP}"
 
 
 def path_source(scheme: Scheme, others: Mapping[str, tuple[ca.Function, Lanes]]) -> str:

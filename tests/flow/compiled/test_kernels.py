@@ -80,6 +80,7 @@ def cache(tmp_path, monkeypatch):
 def forget() -> None:
     kernels._of_sweeps.cache_clear()
     kernels._of_shots.cache_clear()
+    kernels._shared.cache_clear()
     interval._made.cache_clear()
     kernel_cache._said.clear()
 
@@ -184,6 +185,41 @@ def test_other_systems_and_whole_derivatives(cache):
     np.testing.assert_allclose(derivative, expected, atol=1e-12)
     np.testing.assert_allclose(path[-1], [1.0, 2.0 + 14.0], atol=1e-12)
     assert len(stored(cache)) == 1
+
+
+@needs_compiler
+def test_one_kernel_serves_all_robots_of_a_kind(cache, quick):
+    """Its text reads the numbers in which they differ; other rollers are another text."""
+    robots = [ThreeUPU(base_radius=base, roller_tilt=tilt) for base, tilt in ((25.0, 0.9), (31.0, -1.3))]
+    found = [end_point(Compiled(), robot) for robot in robots]
+    for robot, ours in zip(robots, found, strict=True):
+        expected = end_point(Interpreted(), robot)
+        np.testing.assert_allclose(ours.path, expected.path, rtol=1e-12, atol=1e-12)
+        scale = np.abs(expected.jacobian).max()
+        np.testing.assert_allclose(ours.jacobian, expected.jacobian, atol=1e-12 * scale)
+    assert np.abs(found[0].path - found[1].path).max() > 0.1
+    assert len(stored(cache)) == 1
+    end_point(Compiled(), ThreeUPU(platform_axis="normal"))
+    assert len(stored(cache)) == 2
+
+
+@needs_compiler
+def test_a_path_that_runs_away_tells_nothing_of_a_kernel(cache, caplog, quick, monkeypatch):
+    """What rounds beside a pole is multiplied by more than a nudge of the control shows."""
+    made, problem = sweep_source.c_source, paper_problem()
+    monkeypatch.setattr(
+        sweep_source,
+        "c_source",
+        lambda scheme: made(scheme).replace("j] += g[", "j] += 1.001 * g["),
+    )
+    wild = np.random.default_rng(515).normal(0.0, 1.5, (1, 3, 5))
+    flow = RungeKutta4(13, Compiled()).flow(dynamics(problem.system), problem.basis, 1.0)
+    flow.ends(problem.start_point, wild)
+    assert len(stored(cache)) == 1
+    assert kernels._of_sweeps(scheme(dynamics(problem.system), CLASSICAL)).untried
+    assert "disagrees" not in caplog.text
+    flow.ends(problem.start_point, many(problem))
+    assert "disagrees" in caplog.text
 
 
 @needs_compiler
