@@ -16,10 +16,9 @@ import numpy as np
 from nhpocp.arrays import Array
 from nhpocp.controls.basis import ControlBasis
 from nhpocp.controls.control import Control
-from nhpocp.flow.dynamics import Dynamics, dynamics
+from nhpocp.flow.dynamics import dynamics
 from nhpocp.flow.integrators import CasadiRungeKutta, Flow, Integrator, RungeKutta4, uniform_grid
 from nhpocp.problem import PlanningProblem
-from nhpocp.systems.numeric import numeric_system
 
 FEWEST, ENOUGH = 5.0, 10.0  # steps for each period of the fastest function of a basis
 # Times the steps: at order 4 they leave 1/256 of the error, so that the distance between two paths is the error itself.
@@ -62,7 +61,7 @@ def settled_path(
     grid: (steps, breakpoints, horizon) ↦ times.
     """
     start = problem.start_point if start is None else start
-    rate = Dynamics(numeric_system(problem.system).rate_function)
+    rate = dynamics(problem.system)  # whose kernel there may be
     last: tuple[Array, Array] | None = None
     for doubling in range(DOUBLINGS + 1):
         times = grid(steps * 2**doubling, control.breakpoints, control.horizon)
