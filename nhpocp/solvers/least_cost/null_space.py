@@ -29,7 +29,7 @@ from nhpocp.solvers.budget import Budget
 from nhpocp.solvers.least_cost.curvature import Curvature
 
 Surface = Callable[[Array], tuple[Array, Array] | None]  # y ↦ (e, J), None where the path cannot be used
-Cost = Callable[[Array], tuple[float, Array]]  # y ↦ (f, ∇f)
+Cost = Callable[[Array], tuple[float, Array]]  # y ↦ (f, ∇f), f infinite where the path cannot be used
 
 HALVINGS = 16  # of a step, before the model counts as wrong
 REACH = 3.0  # times the last step that was taken
@@ -218,7 +218,9 @@ class _Search:
             e, J = evaluated
             size, back = norm(e), np.linalg.lstsq(J, e, rcond=None)[0]
             if size < self.goal or (near and size < far and near(back)):
-                return _Point(y, e, J, *self.cost(y))
+                point = _Point(y, e, J, *self.cost(y))
+                self.blocked |= not np.isfinite(point.f)
+                return point if np.isfinite(point.f) else None
             if size > min(0.5 * last, far):
                 return None
             last = size

@@ -13,6 +13,7 @@ from nhpocp.arrays import Array, norm
 from nhpocp.controls.control import Control
 from nhpocp.errors import OrientationAtPiError
 from nhpocp.flow.cost_map import cost_map
+from nhpocp.flow.dynamics import dynamics
 from nhpocp.flow.integrators import RungeKutta4
 from nhpocp.problem import PlanningProblem
 from nhpocp.solvers.budget import Budget
@@ -47,13 +48,19 @@ class Stretch:
 
 @dataclass(frozen=True)
 class _Seen:
-    """What one control leads to."""
+    """Where one control leads."""
 
     error: Array
     jacobian: Array
-    wall: float
-    wall_slope: Array
     path: Array
+
+
+@dataclass(frozen=True)
+class _Price:
+    """What the walls along its path cost, and that cost's derivative by the coefficients."""
+
+    value: float
+    slope: Array
     slacks: Array
 
 
@@ -63,32 +70,38 @@ class _Paths:
     def __init__(self, problem: PlanningProblem, walls: Walls, stretch: Stretch, times: Array) -> None:
         self.stretch, self.times = stretch, times
         basis = stretch.control.basis
-        kernels = RungeKutta4().kernels.for_long_work()
-        rk4 = RungeKutta4(kernels=kernels)
-        self._flow = rk4.flow(walls.dynamics, basis, 1.0, times)
-        self._coarse = rk4.flow(walls.unwatched, basis, 1.0, times[::FINER])
-        self._start = np.append(stretch.start, 0.0)
+        rk4 = RungeKutta4(kernels=RungeKutta4().kernels.for_long_work())
+        motion = dynamics(problem.system)
+        self._flow, self._coarse = (rk4.flow(motion, basis, 1.0, each) for each in (times, times[::FINER]))
+        self._walled = rk4.flow(walls.dynamics, basis, 1.0, times)
+        self._start = stretch.start
         self._space, self._task = problem.system.state_space, replace(problem.tasks[-1], values=stretch.goal)
         self._weights = np.asarray(self._space.weights(problem.error_length))
 
     def see(self, coefficients: Array) -> _Seen | None:
-        """None where the path is not finite or not clear."""
+        """None where the path is not finite."""
         with np.errstate(all="ignore"):
-            path, derivatives, slacks = self._flow.sensitivity(self._start, coefficients)
-        if not (np.isfinite(path).all() and np.isfinite(derivatives).all() and clear_of(slacks)):
+            path, derivatives, _ = self._flow.sensitivity(self._start, coefficients)
+        if not (np.isfinite(path).all() and np.isfinite(derivatives).all()):
             return None
-        end, rows = path[-1, :-1], derivatives[-1]
         try:
-            error = self._task.scales * self._task.difference(end)
+            error = self._task.scales * self._task.difference(path[-1])
         except OrientationAtPiError:
             return None
-        jacobian = self._task.jacobian(end, rows[:-1])
-        return _Seen(error, jacobian, float(path[-1, -1]), rows[-1], path[:, :-1], slacks)
+        return _Seen(error, self._task.jacobian(path[-1], derivatives[-1]), path)
+
+    def price(self, coefficients: Array) -> _Price | None:
+        """None where the path is not finite or not clear; among obstacles it takes a hundred times as long."""
+        with np.errstate(all="ignore"):
+            path, derivatives, slacks = self._walled.sensitivity(np.append(self._start, 0.0), coefficients)
+        if not (np.isfinite(path).all() and np.isfinite(derivatives).all() and clear_of(slacks)):
+            return None
+        return _Price(float(path[-1, -1]), derivatives[-1][-1], slacks)
 
     def step_error(self, coefficients: Array, end: Array) -> float:
         """Of the end [E's unit], from the path with half the steps."""
         with np.errstate(all="ignore"):
-            coarse = self._coarse.end(self._start, coefficients)[:-1]
+            coarse = self._coarse.end(self._start, coefficients)
         if not np.isfinite(coarse).all():
             return np.inf
         change = self._weights * np.asarray(self._space.lower(end, coarse - end))
@@ -184,17 +197,21 @@ class _Descent:
             stretch.steps,
         )
         self.paths = _Paths(problem, owner.walls, stretch, even)
-        self.first = self.paths.see(control.coefficients)
+        self.first = self._first()
         if self.first:
-            scales = problem.scales.points
-            times = graded(
-                even, self.first.path, self.first.slacks, scales, control.breakpoints, stretch.steps
-            )
+            path, slacks = self.first[0].path, self.first[1].slacks
+            times = graded(even, path, slacks, problem.scales.points, control.breakpoints, stretch.steps)
             self.paths = _Paths(problem, owner.walls, stretch, times)
-            self.first = self.paths.see(control.coefficients)
+            self.first = self._first()
         self._last: tuple[Array, _Seen] | None = None
         first_error = self.step_error(self.y) if self.first else np.inf
         self.allowed = min(max(owner.allowed, 2.0 * first_error), LOOSEST * owner.allowed)
+
+    def _first(self) -> tuple[_Seen, _Price] | None:
+        """What the control to begin with leads to, and costs; None where it cannot be used."""
+        coefficients = self.stretch.control.coefficients
+        seen, price = self.paths.see(coefficients), self.paths.price(coefficients)
+        return (seen, price) if seen and price else None
 
     def control(self, y: Array) -> Control:
         return Control(self.stretch.control.basis, self._coefficients(y))
@@ -206,14 +223,16 @@ class _Descent:
         """None where the first control cannot be brought to the goal."""
         if self.first is None:
             return None
-        price = weight * self.effort(self._coefficients(self.y))[0] / self.unit / max(self.first.wall, 1e-12)
+        share = weight * self.effort(self._coefficients(self.y))[0] / self.unit
+        share /= max(self.first[1].value, 1e-12)
 
         def cost(y: Array) -> tuple[float, Array]:
-            seen, (value, slope) = self._seen(y), self.effort(self._coefficients(y))
-            if seen is None:
+            coefficients = self._coefficients(y)
+            price, (value, slope) = self.paths.price(coefficients), self.effort(coefficients)
+            if price is None:
                 return np.inf, self.coordinates.jacobian(slope) / self.unit
-            slope = slope / self.unit + price * seen.wall_slope
-            return value / self.unit + price * seen.wall, self.coordinates.jacobian(slope)
+            slope = slope / self.unit + share * price.slope
+            return value / self.unit + share * price.value, self.coordinates.jacobian(slope)
 
         try:
             return minimise(

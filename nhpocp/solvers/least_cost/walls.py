@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 
 from nhpocp.arrays import Array
 from nhpocp.constraints.bound import Bound, in_shape
-from nhpocp.flow.dynamics import Dynamics, dynamics
+from nhpocp.flow.dynamics import Dynamics
 from nhpocp.objectives.quantity import quantity
 from nhpocp.problem import PlanningProblem
 from nhpocp.systems.numeric import numeric_system
@@ -19,6 +18,9 @@ NEAR = (
     0.05  # of a bound's size: how far from it the wall counts 1, which at the start a singular surface does
 )
 FORGIVEN = 5e-4  # of its size: by how much a bound may be passed, half of what verification forgives
+LEAST_SINE = (
+    2e-3  # of `System.joint_sines`: a leg turns 500 times as fast there, and verification cannot follow
+)
 LONGEST = 20_000  # instructions of bounds that are written out as walls; longer ones are kept by refusing
 EXPANDED = 6  # the largest matrix whose determinant is written out
 
@@ -27,22 +29,17 @@ EXPANDED = 6  # the largest matrix whose determinant is written out
 class Walls:
     """Slacks s(x), positive where a pose may be, and ∫ Σ (unit/s)² dt beside the state.
 
-    dynamics: of (x, ∫), observed as the system's own and by the integral, the slacks watched. names: of the surfaces.
+    dynamics: of (x, ∫), observed by the integral alone, the slacks watched. names: of the surfaces.
     """
 
     dynamics: Dynamics
     names: tuple[str, ...]
 
-    @cached_property
-    def unwatched(self) -> Dynamics:
-        """The same motion, its slacks not looked at."""
-        return replace(self.dynamics, watched=None)
-
 
 def walls(problem: PlanningProblem) -> Walls | None:
     """Those of a problem; None where a matrix is too large for its determinant to be written out."""
     system, numeric = problem.system, numeric_system(problem.system)
-    own, start = dynamics(system), problem.start_point
+    start = problem.start_point
     size, inputs = system.state_space.size, system.input_space.size
     x, u, total = ca.SX.sym("x", size), ca.SX.sym("u", inputs), ca.SX.sym("b")
     slacks, terms = [], []
@@ -62,12 +59,12 @@ def walls(problem: PlanningProblem) -> Walls | None:
     rate = ca.densify(ca.vertcat(numeric.rate_function(x, u), density))
     both = ca.vertcat(numeric.linearised_function(x, u), ca.gradient(density, ca.vertcat(x, u)).T)
     linearised = ca.horzcat(both[:, :size], ca.SX(size + 1, 1), both[:, size:])
-    rows = own.observed(x) if own.observed is not None else ca.SX.eye(size)
+    only_total = ca.densify(ca.horzcat(ca.SX.zeros(1, size), 1))
     return Walls(
         Dynamics(
             ca.Function("walled_rate", [y, u], [ca.cse(rate)]),
             ca.Function("walled_linearised", [y, u], [ca.sparsify(ca.cse(linearised))]),
-            ca.Function("walled_observed", [y], [ca.densify(ca.diagcat(rows, 1))]),
+            ca.Function("walled_observed", [y], [only_total]),
             ca.Function("walled_slacks", [y], [ca.cse(ca.densify(ca.vertcat(ca.SX(0, 1), *slacks)))]),
         ),
         tuple(f"det {name.upper()} = 0" for name in system.separating()),

@@ -49,6 +49,25 @@ def test_rosenbrock_on_a_circle():
     )  # what is left to gain is below rounding: its square over a curvature of hundreds
 
 
+def test_where_the_cost_is_infinite_no_control_is_used():
+    """Walls price a path only when it reaches the goal; what is not clear then is refused there."""
+    seen = []
+
+    def cost(y):
+        clear = y[0] > 0.5
+        seen.append(clear)
+        return (float(y @ y) if clear else np.inf), 2 * y
+
+    found = minimise(
+        lambda y: (y[1:] - 1.0, np.array([[0.0, 1.0]])), cost, np.array([3.0, 1.5]), tolerance=1e-6
+    )
+    assert not all(seen)
+    assert not found.converged  # the least is beyond
+    assert 0.5 < found.y[0] < 0.51
+    with pytest.raises(NoSurfaceError):
+        minimise(lambda y: (y[1:] - 1.0, np.array([[0.0, 1.0]])), cost, np.array([0.4, 1.0]))
+
+
 def test_what_a_search_costs_is_linear_in_the_coefficients():
     """Six numbers, or each spread evenly over 10 000: the same steps. A matrix of the larger size would take 29 GB."""
     weights, start = np.array([1.0, 4.0, 9.0, 1.0, 4.0, 9.0]), np.array([0.3, 0.6, 1.0, 0.4, 0.5, 0.5])
