@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from math import cos, hypot, pi, sin
 from typing import Any, ClassVar, Self
 
-from nhpocp.arrays import Array, cross, namespace, symbolic
+from nhpocp.arrays import Array, cross, namespace, norm, symbolic
 from nhpocp.bodies.hull import Hull, capsule, hull_of
 from nhpocp.errors import InvalidProblemError
 from nhpocp.state_space import Block, StateSpace, direction, rotation, vector
@@ -309,6 +309,11 @@ class ParallelRobot(System):
 
     def breaking(self) -> tuple[str, ...]:
         return ("w",)
+
+    def joint_sines(self, state: Array) -> list[Array]:
+        """Between each leg and the axis w4 of its universal joint, which turns the leg about itself."""
+        pairs = [(pose.g, pose.w4) for pose in self.leg_poses(state) if pose.w4 is not None]
+        return [norm(cross(g, w4)) / norm(w4) for g, w4 in pairs]
 
     def default_length_scale(self) -> float:
         return self._mean_arm

@@ -335,6 +335,13 @@ class System(Frozen, Shown):
         """Names of the regularity matrices whose zero no path of the machine may cross for good."""
         return self.breaking()
 
+    def joint_sines(self, state: Array) -> list[Array]:
+        """Sines of the angles between directions of which the axes of joints are made, one number each.
+
+        Where two fall together a joint turns at any speed and no equation need notice. It separates no poses.
+        """
+        return []
+
     def actuated(self) -> tuple[System, Callable[[Array, Array], Array]] | None:
         """This system's motions as the actuators make them: their system, and (x, control) ↦ its input.
 

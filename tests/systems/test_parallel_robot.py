@@ -89,6 +89,21 @@ def test_the_3_upu_robot_is_one_of_them(case):
     assert np.abs(robot.velocity(pose, u) - original).max() <= 1e-12 * (1 + np.abs(original).max())
 
 
+@LAW
+@given(robots_at_poses())
+def test_sines_are_those_of_each_leg_and_its_own_axis(case):
+    upu, pose, _ = case
+    at = upu.state_space.unpack(pose)
+    sines = [float(sine) for sine in upu.joint_sines(pose)]
+    for sine, leg in zip(sines, upu.legs, strict=True):
+        span = at["position"] + at["orientation"] @ np.array(leg.platform) - np.array(leg.base)
+        axis = at["orientation"] @ np.array(leg.w4)
+        cosine = span @ axis / np.linalg.norm(span) / np.linalg.norm(axis)
+        assert sine == pytest.approx(np.sqrt(1.0 - cosine**2), abs=1e-7)
+    spheres = ParallelRobot(legs=[replace(leg, joint="spherical", r=None, w4=None) for leg in upu.legs] * 2)
+    assert spheres.joint_sines(pose) == []
+
+
 @pytest.mark.parametrize("joint", ["veselova", "suslov"])
 def test_the_wrist_is_one_with_its_platform_pinned(joint):
     wrist = OrientingPlatform(joint=joint, r=(0.2, -0.3, 1.0))

@@ -50,6 +50,9 @@ def walls(problem: PlanningProblem) -> Walls | None:
             return None
         slacks.append(ca.det(matrix) / float(at_start[name][0]))
         terms.append(1.0 / slacks[-1] ** 2)
+    for sine in system.joint_sines(x):
+        slacks.append(sine - LEAST_SINE)
+        terms.append((NEAR / slacks[-1]) ** 2)
     for bound in problem.bounds:
         for slack in _slacks(problem, bound, x):
             slacks.append(slack + FORGIVEN)
