@@ -16,6 +16,7 @@ from nhpocp.solvers.route.find_route import find_route, lacking
 from nhpocp.solvers.route.sketch import sketched_route, sketched_trees
 
 ATTEMPTS = 6  # with other seeds
+FOR_LESS = 10  # of those, where the goal has been reached and others may cost less
 CHOICES = (FRUGAL, GENTLE)  # in turn
 PATIENCE = 80.0  # manoeuvres that a route may seem to take, before another is tried
 
@@ -58,8 +59,10 @@ class AlongRoutes:
         search = self._search
         if lacking(search.problem):
             return
-        slow: list[RouteManoeuvres] = []
-        for attempt in range(ATTEMPTS):
+        slow, reached = list[RouteManoeuvres](), False
+        for attempt in range(FOR_LESS):
+            if attempt >= ATTEMPTS and not reached:
+                break
             manoeuvres = self._manoeuvres(search.base.seed + attempt, CHOICES[attempt % len(CHOICES)])
             if manoeuvres is None:
                 if not self.followed:
@@ -68,6 +71,7 @@ class AlongRoutes:
             self.followed = True
             self._walked(manoeuvres, PATIENCE)
             if manoeuvres.arrived or manoeuvres.delicate:
+                reached |= manoeuvres.arrived
                 yield from self._ended(manoeuvres)
             else:
                 slow.append(manoeuvres)

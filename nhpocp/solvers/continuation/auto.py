@@ -49,6 +49,7 @@ BUDGET = 3000  # evaluations, after which no new try begins
 # trajectories to as much where the tolerance is tight
 RESOLVED = 1e-5
 RESERVE = 1.3  # times the steps that would be enough where their error fell as their fourth power
+JUDGED, BEHIND = 2, 1.6  # levels of a merge, after which one that costs so much more than another is given up
 FUTILE = 2  # starts that end outside a bound, after which a route is looked for
 FURTHER = 2  # times the restarts: seeded starts that are tried where all else failed
 
@@ -113,6 +114,7 @@ class _Search:
         self.tried: list[dict[str, Any]] = []
         self.way = ""  # what is being tried, in words
         self.solves = 0
+        self.merged: list[float] = []  # efforts that merges had come to when they were judged
         self.stalled: list[tuple[float, set[str]]] = []  # violations where ways rest, and what is broken
         self.given_up = False  # for want of evaluations
 
@@ -309,10 +311,10 @@ class _Search:
         asked = self.base.objective != "none" and not self.problem.via
         if not asked or first.outcome is not Outcome.CONVERGED:
             return self.finished(first, solver)
-        merging = Merging(self.problem, controls, self.base)
+        merging = Merging(self.problem, controls, replace(self.base, seed=self.base.seed + len(self.tried)))
         try:
-            for effort in merging.run():
-                self.telling(f"merging manoeuvres, effort {effort / self.problem.horizon.fixed:.4g}")
+            if not self._merges(merging):
+                return first
         except KeyboardInterrupt:
             return replace(first, outcome=Outcome.INTERRUPTED, message=STOPPED)
         merged = self._confirmed_of(merging)
@@ -321,6 +323,18 @@ class _Search:
         if self.problem.bounds or self.base.objective != "effort":
             return self.finished(merged, replace(self.base, integrator=merged.integrator))
         return merging.told(merged)
+
+    def _merges(self, merging: Merging) -> bool:
+        """Goes through with it, unless others had come to far less by that time. Errors: Ctrl-C's."""
+        judged = False
+        for effort in merging.run():
+            self.telling(f"merging manoeuvres, effort {effort / self.problem.horizon.fixed:.4g}")
+            if merging.level >= JUDGED and not judged:
+                if effort > BEHIND * min(self.merged, default=np.inf):
+                    return False
+                judged = True
+                self.merged.append(effort)
+        return True
 
     def _confirmed_of(self, merging: Merging) -> ContinuationResult | None:
         """The most merged that finer steps confirm: close to a surface some paths cannot be checked."""

@@ -21,7 +21,7 @@ from nhpocp.solvers.continuation.singularity_crossings import keeps_sign
 from nhpocp.systems.numeric import numeric_system
 
 ALONG = "along a route"  # how the names of such ways end
-ROUTES = 4  # along which plans are compared: one route or seed may end at twice the effort of another
+ROUTES = 8  # along which plans are compared: one route or seed may end at three times the effort of another
 STARTS = 32  # at most, that are compared by what they cost in the end
 WIDTHS = (1.0, 0.5, 2.0)  # of the seeded among them, in turn
 AGREEING = 6  # starts that lead to the least cost so far: others are hardly worth the work
@@ -80,13 +80,13 @@ def _others(
     search: Search, plans: list[ContinuationResult], routes: Ways, along: bool
 ) -> Iterator[ContinuationResult]:
     """Further plans, as long as one may be cheaper than those that there are; those along routes stay on their side."""
-    for way, plan in routes:
+    for number, (way, plan) in enumerate(routes, 2):
         search.note(way, plan.outcome.value, plan.error)
         if plan.outcome is Outcome.INTERRUPTED:
             raise KeyboardInterrupt
         if _counts(plan):
             yield plan
-        if len(plans) == ROUTES:
+        if number == ROUTES:
             break
     allowed = len(search.records) + BUDGET
     nothing = NOTHING * OBJECTIVES[search.base.objective].scale(search.problem.scales)

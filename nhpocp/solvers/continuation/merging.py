@@ -116,6 +116,11 @@ class Merging:
         """Of all stretches in unit time, divided among them as is best."""
         return _length(self.stretches) ** 2
 
+    @property
+    def level(self) -> int:
+        """Levels of sweeps that are done."""
+        return len(self._before)
+
     def back(self) -> bool:
         """Goes back to what was left a level before, farther from the walls; whether there is such."""
         while self._before:

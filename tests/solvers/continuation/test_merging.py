@@ -119,7 +119,8 @@ def test_the_walls_have_the_gradient_of_their_differences():
     start = np.append(problem.start_point, 0.0)
     _, derivatives, slacks = flow.sensitivity(start, PAPER_START)
     np.testing.assert_allclose(slacks[0, :2], 1.0)  # of the start's own determinants
-    assert slacks.shape[1] == 2 + 6
+    assert slacks.shape[1] == 2 + 3 + 6
+    assert derivatives.shape[1] == 1
     steps = 1e-5 * np.eye(15).reshape(15, 3, 5)
     differences = [(flow.end(start, PAPER_START + d) - flow.end(start, PAPER_START - d))[-1] for d in steps]
     np.testing.assert_allclose(derivatives[-1, -1], np.array(differences) / 2e-5, rtol=1e-4, atol=1e-6)
@@ -167,6 +168,22 @@ def test_a_merged_plan_is_verified_and_says_what_it_was(steps_aside):
     assert result.details["objective_value"] == pytest.approx(result.control.effort)
     solution = result.solution(Auto(Continuation(step_rule=Adaptive(), objective="effort")), aside())
     assert planning.verify(solution).ok
+
+
+def test_a_merge_far_behind_another_is_given_up(steps_aside):
+    """It is left as it was joined, and counts for nothing where plans are compared."""
+    search = auto._Search(Auto(replace(SOLVER, objective="effort")), aside(), None)
+    search.merged = [1e-3]
+    assert not search._merges(merging := Merging(aside(), steps_aside, SOLVER))
+    assert merging.level == auto.JUDGED
+    assert search.merged == [1e-3]
+    result = search._joined(steps_aside, 0)
+    assert result.outcome is Outcome.CONVERGED
+    assert "objective_value" not in result.details
+    search.merged = [1e6]
+    assert search._merges(Merging(aside(), steps_aside, SOLVER))
+    assert search.merged[0] == 1e6
+    assert len(search.merged) == 2
 
 
 def test_a_bound_on_the_pose_is_kept(steps_aside):
