@@ -151,7 +151,7 @@ def test_what_costs_less_is_still_a_plan():
     assert guess.evaluations > 0
 
 
-def test_no_search_is_begun_that_takes_in_too_many_rows():
+def test_no_search_is_begun_that_takes_intoo_many_rows():
     """Of many pieces among obstacles: SLSQP would take minutes to a step. The plan is kept as it is."""
     bounds = [Bound("control", name, -9.0, 9.0) for name in ("u1", "u2")]
     plan = ADAPTIVE.solve(turning(1.0, bounds=bounds))
