@@ -68,7 +68,7 @@ class Auto(Constructed):
 
     The search for least cost (`Continuation.objective`) ends in the valley where it begins, and few of them are deep:
     it follows on the first way that reaches the goal, and again from seeded starts until six agree on the least. Where
-    that way led along a route, plans along four routes are merged (`Merging`) and compared before.
+    that way led along a route, plans along eight routes are merged (`Merging`) and compared before.
     continuation: the method that every try is made with. restarts: seeded starts. route: "auto", or "always" first of
     all, or "never". route_seconds: processor time for which one is looked for, at most.
     Errors: `InvalidProblemError` for restarts that are no whole number, `CallError` for another method;
