@@ -24,6 +24,9 @@ FEWEST, ENOUGH = 5.0, 10.0  # steps for each period of the fastest function of a
 # Times the steps: at order 4 they leave 1/256 of the error, so that the distance between two paths is the error itself.
 FINER = 4
 MOST = 100_000  # steps: no integrator takes more
+# in units of the problem's scales: by how much a path of manoeuvres may be wrong anywhere; verification holds stored
+# trajectories to as much where the tolerance is tight
+FOLLOWED = 1e-5
 DOUBLINGS = 4
 RUN_AWAY = 2  # of them, after which a path that is not finite is taken for one that has no end
 CLOSE = 1e-7  # between the ends of a path and of the same with half the steps, over the state's scales
@@ -98,6 +101,14 @@ def path_error(problem: PlanningProblem, control: Control, integrator: Integrato
     shared = np.abs(fine.times[places] - coarse.times) < 1e-9 * control.horizon
     change = np.abs(states[0][places] - states[1])[shared] / problem.scales.points
     return float(change.max()) / (FINER**4 - 1)
+
+
+def following(problem: PlanningProblem, control: Control) -> RungeKutta4:
+    """Steps with which the whole path is `FOLLOWED`, the default's or `FINER` times as many, up to `MOST`."""
+    integrator = RungeKutta4()
+    while integrator.steps < MOST and not path_error(problem, control, integrator) <= FOLLOWED:
+        integrator = replace(integrator, steps=min(MOST, FINER * integrator.steps))
+    return integrator
 
 
 class StepError:

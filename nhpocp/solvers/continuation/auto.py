@@ -20,7 +20,7 @@ from nhpocp.deferred import Deferred
 from nhpocp.errors import expect
 from nhpocp.flow.integrators import RungeKutta4
 from nhpocp.flow.simulation import simulate
-from nhpocp.flow.step_error import FINER, MOST, path_error
+from nhpocp.flow.step_error import FINER, FOLLOWED, MOST, path_error
 from nhpocp.interruption import STOPPED, Interruption
 from nhpocp.objectives.registry import OBJECTIVES
 from nhpocp.outcome import Outcome
@@ -45,9 +45,6 @@ SHORTEST = 0.3  # of the mean duration: shorter ones would ask for many steps of
 STEPS_PER_PIECE = 0.4  # of the steps of a whole plan, for the shortest manoeuvre of a sequence
 SAME = 0.01  # of a violation: how far two may be apart that count as one
 BUDGET = 3000  # evaluations, after which no new try begins
-# in units of the problem's scales: by how much a path of manoeuvres may be wrong anywhere; verification holds stored
-# trajectories to as much where the tolerance is tight
-RESOLVED = 1e-5
 RESERVE = 1.3  # times the steps that would be enough where their error fell as their fourth power
 JUDGED, BEHIND = 2, 1.6  # levels of a merge, after which one that costs so much more than another is given up
 FUTILE = 2  # starts that end outside a bound, after which a route is looked for
@@ -392,10 +389,10 @@ class _Search:
             if plan.outcome is not Outcome.CONVERGED:
                 return plan
             wrong, integrator = path_error(self.problem, plan.control, plan.integrator), plan.integrator
-            if wrong <= RESOLVED:
+            if wrong <= FOLLOWED:
                 return plan
             if more and isinstance(integrator, RungeKutta4) and np.isfinite(wrong):
-                steps = min(MOST, int(RESERVE * integrator.steps * (wrong / RESOLVED) ** 0.25))
+                steps = min(MOST, int(RESERVE * integrator.steps * (wrong / FOLLOWED) ** 0.25))
                 solver = replace(self.base, integrator=replace(integrator, steps=steps), objective="none")
                 plan = self._solve(solver, begun_from(replace(self.problem, bounds=()), plan.control))
         words = f"{plan.message}; its steps may be wrong by {wrong:.2g} of the task's scales on the way"

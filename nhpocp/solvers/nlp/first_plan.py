@@ -13,6 +13,7 @@ from nhpocp.controls.basis import ControlBasis
 from nhpocp.controls.control import Control
 from nhpocp.controls.projection import project
 from nhpocp.flow.simulation import simulate
+from nhpocp.flow.step_error import following
 from nhpocp.interruption import STOPPED
 from nhpocp.objectives.registry import OBJECTIVES, costs_of_motion
 from nhpocp.outcome import Outcome
@@ -28,8 +29,8 @@ UPDATES = 60  # to the goal over another basis; what fits that basis takes a few
 ROUNDS = 4  # of the search for less cost: begun anew, it often gets by what has held it up
 DESCENT = 300  # updates to less cost
 LOOSE = 1e-3  # E of that search, which refuses what its steps do not resolve
-# rows of the bounds at one time, by numbers of the control, for which SLSQP is not begun, nor IPOPT from nowhere where
-# there is a plan: of a robot's 17 manoeuvres among obstacles, 20 by 255, they take 0.5 s a step, and hundreds of steps
+# rows of the bounds at one time, by coefficients, for which SLSQP is not begun: of a robot's 17 manoeuvres among
+# obstacles, 20 by 255, it takes 0.7 s a step, and hundreds of steps
 MANY = 2000
 TOWARDS = "falls_towards"  # among the details of a search for less
 LESS = 0.99  # times a cost, what is worth another solve
@@ -88,7 +89,13 @@ def _search(
 ) -> ContinuationResult:
     """The Jacobian method from a control, confirmed by finer steps."""
     solver = Continuation(
-        step_rule=Adaptive(), tolerance=tolerance, max_iterations=updates, objective=objective
+        step_rule=Adaptive(),
+        tolerance=tolerance,
+        max_iterations=updates,
+        objective=objective,
+        integrator=following(
+            problem, control
+        ),  # with fewer steps manoeuvres beside a surface seem to cross it
     )
     return confirmed(solver, begun_from(problem, control))
 
@@ -144,7 +151,7 @@ class LoweredGuess:
     def _lowered(self, control: Control) -> list[Solution]:
         """One plan at less cost, or none: the search, begun anew where it ended for as long as that gains."""
         plan, name, before = self.plan, self.plan.problem.objective, np.inf
-        if too_many(plan, control.coefficients.size):
+        if _too_many(plan, control):
             return []
         found: list[ContinuationResult] = []
         searched = name in costs_of_motion() and not OBJECTIVES[name].lacking_control(control.basis)
@@ -185,7 +192,7 @@ class LoweredGuess:
         held = self.plan.problem
         if ended.control.horizon != held.horizon.fixed or not np.isfinite(ended.final_error):
             return None
-        if too_many(self.plan, ended.control.coefficients.size):
+        if _too_many(self.plan, ended.control):
             return None
         found = _made(self.plan, _search(held, ended.control, NEARER * self.tolerance, UPDATES))
         if not reaches(found, self.tolerance):
@@ -194,10 +201,10 @@ class LoweredGuess:
         return guess if guess.far_below(self.least) else None
 
 
-def too_many(plan: Solution, unknowns: int) -> bool:
-    """Whether the bounds of a plan's problem have more rows than a search over so many numbers can take in."""
+def _too_many(plan: Solution, control: Control) -> bool:
+    """Whether bounds have more rows than a search over a control within them can take in."""
     rows = sum(np.size(plan.trajectory[bound.quantity][0]) for bound in plan.problem.bounds)
-    return rows * unknowns > MANY
+    return rows * control.coefficients.size > MANY
 
 
 def handed_back(failed: Solution, plan: Solution, lowered: LoweredGuess) -> Solution:

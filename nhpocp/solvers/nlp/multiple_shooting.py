@@ -24,7 +24,7 @@ from nhpocp.solution import Progress, Solution, telling
 from nhpocp.solvers.continuation.auto import Auto
 from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.step_rules import Adaptive
-from nhpocp.solvers.nlp.first_plan import LoweredGuess, dearer, handed_back, kept, reaches, too_many
+from nhpocp.solvers.nlp.first_plan import LoweredGuess, dearer, handed_back, kept, reaches
 from nhpocp.solvers.nlp.guesses import GuessMaker, ProblemGuess, SolverGuess, StraightGuess
 from nhpocp.solvers.nlp.ipopt import Ipopt
 from nhpocp.solvers.nlp.least_time import COARSER, COARSEST, CoarseGuess, singular_arcs
@@ -165,11 +165,7 @@ class MultipleShooting(Constructed):
         left = budget * self.starts - sum(map(_iterations, ended)) if budget else None
         known: list[GuessMaker] = [StraightGuess(), SolverGuess(self._continuation), ProblemGuess()]
         waiting: list[GuessMaker] = []
-        unknowns = problem.system.input_space.size * (
-            problem.basis.size if self.over_basis else self.intervals
-        )
-        if not _well(best) and not (plan and too_many(plan, unknowns)):
-            # else it is an optimum, and only the plan's own valley may be deeper, or steps are too dear
+        if not _well(best):  # else it is an optimum, and only the plan's own valley may be deeper
             waiting = [maker for maker in known if maker.kind != self.guess.kind]
         lowered = self._lowered(problem, plan) if plan else None
         if lowered:

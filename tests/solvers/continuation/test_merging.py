@@ -15,7 +15,7 @@ from nhpocp.controls.control import Control
 from nhpocp.controls.fourier import Fourier
 from nhpocp.flow.dynamics import dynamics
 from nhpocp.flow.integrators import RungeKutta4
-from nhpocp.flow.step_error import path_error, settled_path
+from nhpocp.flow.step_error import FOLLOWED, path_error, settled_path
 from nhpocp.interruption import STOPPED, Interruption
 from nhpocp.outcome import Outcome
 from nhpocp.problem import PlanningProblem
@@ -230,7 +230,7 @@ def test_too_few_steps_for_joined_manoeuvres_are_made_more(steps_aside):
     plan = search._resolved(few)
     assert plan.outcome is Outcome.CONVERGED
     assert plan.integrator.steps > 40
-    assert path_error(aside(), plan.control, plan.integrator) <= auto.RESOLVED
+    assert path_error(aside(), plan.control, plan.integrator) <= FOLLOWED
 
 
 def test_other_routes_are_followed_for_less(steps_aside, monkeypatch):

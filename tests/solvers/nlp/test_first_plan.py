@@ -10,6 +10,8 @@ from nhpocp.constraints.bound import Bound
 from nhpocp.controls.piecewise_constant import PiecewiseConstant
 from nhpocp.controls.projection import project
 from nhpocp.flow.compiled.kernels import Interpreted
+from nhpocp.flow.integrators import RungeKutta4
+from nhpocp.flow.step_error import FOLLOWED, following, path_error, settled_path
 from nhpocp.outcome import Outcome
 from nhpocp.problem import PlanningProblem
 from nhpocp.solvers.continuation.auto import Auto
@@ -142,6 +144,24 @@ def test_a_plan_comes_nearer_to_the_goal_and_fits_another_basis():
     assert over(problem, plan.control, PiecewiseConstant(1), 1e-6) is None
 
 
+def test_a_plan_that_takes_more_steps_is_followed_with_more():
+    """With the usual ones it would seem to lead elsewhere, and be given up."""
+    fast = np.array([[0.5, 0.0, 0.4, 0.0, 0.0], [0.0, 300.0, 0.0, 0.0, 400.0]])
+    problem = replace(parking(), initial=fast)
+    control = problem.control(fast)
+    ended = settled_path(problem, control, 20_000)[1][-1]
+    problem = replace(problem, goal=problem.system.state_space.unpack(ended))
+    few, steps = RungeKutta4(), following(problem, control)
+    assert path_error(problem, control, few) > FOLLOWED >= path_error(problem, control, steps)
+    plan = replace(
+        ADAPTIVE.solve(problem), control=control, outcome=Outcome.CONVERGED, final_error=0.0, tolerance=1e-4
+    )
+    found = brought(plan, 1e-6)
+    assert found.outcome is Outcome.CONVERGED
+    assert found.tolerance == 1e-6
+    np.testing.assert_allclose(found.control.coefficients, fast, rtol=1e-4, atol=1e-4)
+
+
 def test_what_costs_less_is_still_a_plan():
     plan = brought(ADAPTIVE.solve(paper_problem()), 1e-6)
     guess = LoweredGuess(plan, PiecewiseConstant(20), 1e-6)
@@ -151,7 +171,7 @@ def test_what_costs_less_is_still_a_plan():
     assert guess.evaluations > 0
 
 
-def test_no_search_is_begun_that_takes_intoo_many_rows():
+def test_no_search_is_begun_that_takes_in_too_many_rows():
     """Of many pieces among obstacles: SLSQP would take minutes to a step. The plan is kept as it is."""
     bounds = [Bound("control", name, -9.0, 9.0) for name in ("u1", "u2")]
     plan = ADAPTIVE.solve(turning(1.0, bounds=bounds))
