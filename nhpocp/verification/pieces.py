@@ -6,7 +6,7 @@ Both cost the same for each piece, however many there are.
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import acos
@@ -113,6 +113,13 @@ class Steps:
     def joined(cls, parts: list[Steps]) -> Steps:
         names = ("begins", "widths", "states", "powers")
         return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+
+    @classmethod
+    def beside(cls, parts: Sequence[Steps]) -> Steps:
+        """The same steps of several paths as one."""
+        states = np.concatenate([part.states for part in parts], axis=1)
+        powers = np.concatenate([part.powers for part in parts], axis=2)
+        return cls(parts[0].begins, parts[0].widths, states, powers)
 
     def of_columns(self, columns: slice) -> Steps:
         """The steps of a part of the state."""

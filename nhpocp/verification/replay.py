@@ -7,7 +7,7 @@ is one of the things that verification looks at.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from math import isqrt
 from typing import Any, Protocol
@@ -36,8 +36,6 @@ STEPS_PER_FUNCTION = 20  # more, for a basis whose functions oscillate: a harmon
 FIRST_STEP = 0.02
 MANY = 1000  # pieces, from which on preparing to step over many at once is worth while
 SHORTEST_STEP = 1e-9  # fraction of a smooth piece; a path that needs such steps ends there
-
-REPLAYED = 1e-7  # `Watch.vanishing` of a replay: to stop here is to refute
 
 Rate = Callable[[float, Array, Array], Array]  # (t, x, u(t)) ↦ ẋ
 
@@ -83,6 +81,19 @@ class Path:
             Path(self.start[cut], self.reached, self.stopped, self._steps and self._steps.of_columns(cut))
             for cut in (slice(i * size, (i + 1) * size) for i in range(many))
         ]
+
+    @staticmethod
+    def beside(paths: Sequence[Path]) -> Path | None:
+        """The path whose `parts` these are; None where they do not share their steps."""
+        steps = [path._steps for path in paths]
+        first = paths[0]
+        shared = all(
+            each is not None and steps[0] is not None and each.begins is steps[0].begins for each in steps
+        )
+        if not shared:
+            return None
+        start = np.concatenate([path.start for path in paths])
+        return Path(start, first.reached, first.stopped, Steps.beside(steps))  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True)
@@ -238,7 +249,7 @@ class _Integration:
 def replay(numeric: NumericSystem, control: Control, start: Array, scales: Array | float = 1.0) -> Path:
     """The system's own equations ẋ = G(x) u under the control; ``scales`` as for `integrate`."""
     rate = FastFunction(numeric.rate_function)
-    patient = Watch(numeric.system, start, REPLAYED)
+    patient = Watch(numeric.system, start, vanishing=1e-7)  # to stop here is to refute
     return integrate(lambda t, x, u: rate(x, u), control, start, patient, scales, numeric.rate_function)
 
 

@@ -9,9 +9,10 @@ import numpy as np
 
 from nhpocp.solution import Solution, Verdict
 from nhpocp.systems.numeric import NumericSystem
-from nhpocp.systems.system import System
 from nhpocp.verification.checks import Check
-from nhpocp.verification.company import Company, Original
+from nhpocp.verification.company import originals, replays
+from nhpocp.verification.fast_function import FastFunction
+from nhpocp.verification.replay import Path, Watch, integrate
 
 
 def verify(solution: Solution) -> Verdict:
@@ -59,22 +60,40 @@ def _verdicts(solutions: Sequence[Solution]) -> Iterator[Verdict]:
     numeric = NumericSystem(first.system)  # afresh: what the solver keeps may be out of date
     controls = [solution.control for solution in solutions]
     starts = [solution.problem.start_point for solution in solutions]
-    original = _original(first.system)
-    company = Company(numeric, original, controls, starts, first.scales.points)
-    for solution, (path, driven) in zip(solutions, company.followed(), strict=True):
-        check = Check(solution, numeric, path)
-        yield check.verdict(driven if original and check.passes_over(original.system) else None)
+    paths = replays(numeric, controls, starts, first.scales.points)
+    checks = [Check(solution, numeric, path) for solution, path in zip(solutions, paths, strict=True)]
+    for check, original in zip(checks, _originals(checks), strict=True):
+        yield check.verdict(original)
 
 
-def _original(system: System) -> Original | None:
-    """Eq. (3) under u(t) recovered by eq. (6) along a replay of eq. (7); None where there is none."""
-    actuated = system.actuated()
-    if actuated is None:
-        return None
+def _originals(checks: Sequence[Check]) -> list[Path | None]:
+    """Paths of eq. (3) under u(t) recovered by eq. (6) along the replays of eq. (7); None where there is none."""
+    problem, paths = checks[0].problem, list[Path | None]([None] * len(checks))
+    actuated = problem.system.actuated()
+    members = [i for i, check in enumerate(checks) if actuated and check.passes_over(actuated[0])]
+    if not members or actuated is None:
+        return paths
     other, feedback = actuated
-    size = system.state_space.size
-    x, driver, v = (
-        ca.SX.sym(name, n) for name, n in zip("xyv", (size, size, system.input_space.size), strict=True)
+    sizes = {"x": checks[0].space.size, "y": checks[0].space.size, "v": problem.system.input_space.size}
+    x, driver, v = (ca.SX.sym(name, size) for name, size in sizes.items())
+    function = ca.Function("original", [x, driver, v], [ca.densify(other.rate(x, feedback(driver, v)))])
+    chosen = [checks[i] for i in members]
+    rate, scales = FastFunction(function), problem.scales.points
+
+    def alone(i: int) -> Path:
+        check, start = chosen[i], chosen[i].problem.start_point
+        watch = Watch(other, start, vanishing=1e-5)
+        return integrate(lambda t, at, u: rate(at, check.path.at(t), u), check.control, start, watch, scales)
+
+    found = originals(
+        other,
+        function,
+        [check.path for check in chosen],
+        [check.control for check in chosen],
+        [check.problem.start_point for check in chosen],
+        scales,
+        alone,
     )
-    rate = ca.Function("original", [x, driver, v], [ca.densify(other.rate(x, feedback(driver, v)))])
-    return Original(other, rate)
+    for i, path in zip(members, found, strict=True):
+        paths[i] = path
+    return paths

@@ -13,11 +13,7 @@ from nhpocp.problem import PlanningProblem
 from nhpocp.solvers.claimed import claimed
 from nhpocp.systems.numeric import NumericSystem
 from nhpocp.systems.unicycle import Unicycle
-from nhpocp.verification import verify, verify_many
-from nhpocp.verification.company import Company
-from nhpocp.verification.fast_function import FastFunction
-from nhpocp.verification.replay import integrate, replay
-from nhpocp.verification.verdicts import _original
+from nhpocp.verification import company, verify, verify_many
 from tests.conftest import PAPER_START, paper_problem
 
 
@@ -60,29 +56,14 @@ def test_paths_in_company_are_those_alone_to_the_tolerance(mixed):
     problem = mixed[0].problem
     calm = [mixed[i].control for i in (0, 1, 3)]
     numeric, starts = NumericSystem(problem.system), [problem.start_point] * 3
-    paths = [each.replay for each in Company(numeric, None, calm, starts, problem.scales.points).followed()]
+    paths = company.replays(numeric, calm, starts, problem.scales.points)
     times = np.linspace(0.0, 1.0, 41)
     assert all(path.times is not None and len(path.times) == len(paths[0].times) for path in paths)
     for path, control in zip(paths, calm, strict=True):
-        alone = replay(numeric, control, starts[0], problem.scales.points)
+        (alone,) = company.replays(numeric, [control], starts[:1], problem.scales.points)
         np.testing.assert_allclose(path(times), alone(times), atol=1e-9)
-
-
-@pytest.mark.parametrize("members", [(0,), (0, 1, 3)])
-def test_what_replays_drive_is_what_each_drives_by_itself(mixed, members):
-    problem, times = mixed[0].problem, np.linspace(0.0, 1.0, 41)
-    original, numeric = _original(problem.system), NumericSystem(problem.system)
-    controls, scales = [mixed[i].control for i in members], problem.scales.points
-    starts = [problem.start_point] * len(members)
-    found = Company(numeric, original, controls, starts, scales).followed()
-    rate = FastFunction(original.rate)
-    for control, (path, driven) in zip(controls, found, strict=True):
-        driver = replay(numeric, control, problem.start_point, scales)
-        alone = integrate(
-            lambda t, y, u, x=driver: rate(y, x.at(t), u), control, problem.start_point, scales=scales
-        )
-        np.testing.assert_allclose(path(times), driver(times), atol=1e-9)
-        np.testing.assert_allclose(driven(times), alone(times), atol=1e-9)
+    joined = company.beside(paths)
+    np.testing.assert_array_equal(joined(0.3), np.concatenate([path.at(0.3) for path in paths]))
 
 
 def test_only_what_is_alike_goes_together_and_the_order_stays(mixed):
