@@ -104,9 +104,18 @@ def path_error(problem: PlanningProblem, control: Control, integrator: Integrato
 
 
 def following(problem: PlanningProblem, control: Control) -> RungeKutta4:
-    """Steps with which the whole path is `FOLLOWED`, the default's or `FINER` times as many, up to `MOST`."""
-    integrator = RungeKutta4()
-    while integrator.steps < MOST and not path_error(problem, control, integrator) <= FOLLOWED:
+    """Steps with which the whole path is `FOLLOWED`, the default's or `FINER` times as many, up to `MOST`.
+
+    The default's where the path is not finite with more either: it has no end then.
+    """
+    integrator, blown = RungeKutta4(), 0
+    while integrator.steps < MOST:
+        wrong = path_error(problem, control, integrator)
+        blown += not np.isfinite(wrong)
+        if blown == RUN_AWAY:
+            return RungeKutta4()
+        if wrong <= FOLLOWED:
+            break
         integrator = replace(integrator, steps=min(MOST, FINER * integrator.steps))
     return integrator
 

@@ -16,7 +16,7 @@ from nhpocp.solvers.route.find_route import find_route, lacking
 from nhpocp.solvers.route.sketch import sketched_route, sketched_trees
 
 ATTEMPTS = 6  # with other seeds
-FOR_LESS = 10  # of those, where the goal has been reached and others may cost less
+FOR_LESS = 10  # likewise, where one has led to the goal and others may cost less
 CHOICES = (FRUGAL, GENTLE)  # in turn
 PATIENCE = 80.0  # manoeuvres that a route may seem to take, before another is tried
 
@@ -71,7 +71,7 @@ class AlongRoutes:
             self.followed = True
             self._walked(manoeuvres, PATIENCE)
             if manoeuvres.arrived or manoeuvres.delicate:
-                reached |= manoeuvres.arrived
+                reached |= manoeuvres.arrived and search.base.objective != "none"
                 yield from self._ended(manoeuvres)
             else:
                 slow.append(manoeuvres)

@@ -111,7 +111,7 @@ class _Search:
         self.tried: list[dict[str, Any]] = []
         self.way = ""  # what is being tried, in words
         self.solves = 0
-        self.merged: list[float] = []  # efforts that merges had come to when they were judged
+        self.merged: list[float] = []  # efforts when they were judged, of merges that led to plans that count
         self.stalled: list[tuple[float, set[str]]] = []  # violations where ways rest, and what is broken
         self.given_up = False  # for want of evaluations
 
@@ -310,10 +310,21 @@ class _Search:
             return self.finished(first, solver)
         merging = Merging(self.problem, controls, replace(self.base, seed=self.base.seed + len(self.tried)))
         try:
-            if not self._merges(merging):
-                return first
+            reached = self._merges(merging)
         except KeyboardInterrupt:
             return replace(first, outcome=Outcome.INTERRUPTED, message=STOPPED)
+        if reached is None:
+            words = "given up: others had come to far less effort by that time"
+            return replace(first, outcome=Outcome.STAGNATED, message=words)
+        plan = self._of_merged(merging, first, solver)
+        if plan.outcome is Outcome.CONVERGED and "objective_value" in plan.details:
+            self.merged.append(reached)
+        return plan
+
+    def _of_merged(
+        self, merging: Merging, first: ContinuationResult, solver: Continuation
+    ) -> ContinuationResult:
+        """The plan that a merge has left, or what the joined one comes to without it."""
         merged = self._confirmed_of(merging)
         if merged is None or not merged.control.effort < first.control.effort:
             return self._lowered(first, solver)
@@ -321,17 +332,19 @@ class _Search:
             return self.finished(merged, replace(self.base, integrator=merged.integrator))
         return merging.told(merged)
 
-    def _merges(self, merging: Merging) -> bool:
-        """Goes through with it, unless others had come to far less by that time. Errors: Ctrl-C's."""
-        judged = False
+    def _merges(self, merging: Merging) -> float | None:
+        """Its effort after `JUDGED` levels; None, and not gone on with, where plans that count had far less by then.
+
+        Errors: Ctrl-C's.
+        """
+        reached = None
         for effort in merging.run():
             self.telling(f"merging manoeuvres, effort {effort / self.problem.horizon.fixed:.4g}")
-            if merging.level >= JUDGED and not judged:
+            if reached is None and merging.level >= JUDGED:
+                reached = effort
                 if effort > BEHIND * min(self.merged, default=np.inf):
-                    return False
-                judged = True
-                self.merged.append(effort)
-        return True
+                    return None
+        return merging.effort if reached is None else reached
 
     def _confirmed_of(self, merging: Merging) -> ContinuationResult | None:
         """The most merged that finer steps confirm: close to a surface some paths cannot be checked."""

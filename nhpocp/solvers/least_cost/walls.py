@@ -50,8 +50,9 @@ def walls(problem: PlanningProblem) -> Walls | None:
             return None
         slacks.append(ca.det(matrix) / float(at_start[name][0]))
         terms.append(1.0 / slacks[-1] ** 2)
-    for sine in system.joint_sines(x):
-        slacks.append(sine - LEAST_SINE)
+    ends = zip(*(system.joint_sines(end) for end in (start, problem.goal_point)), strict=True)
+    for sine, at_ends in zip(system.joint_sines(x), ends, strict=True):
+        slacks.append(sine - min(LEAST_SINE, 0.5 * float(min(at_ends))))
         terms.append((NEAR / slacks[-1]) ** 2)
     for bound in problem.bounds:
         for slack in _slacks(problem, bound, x):

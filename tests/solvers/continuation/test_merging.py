@@ -170,20 +170,31 @@ def test_a_merged_plan_is_verified_and_says_what_it_was(steps_aside):
     assert planning.verify(solution).ok
 
 
-def test_a_merge_far_behind_another_is_given_up(steps_aside):
-    """It is left as it was joined, and counts for nothing where plans are compared."""
-    search = auto._Search(Auto(replace(SOLVER, objective="effort")), aside(), None)
+@pytest.mark.parametrize("bounds", [[], [Bound("state.x", "x", -0.3, 0.3)]])
+def test_a_merge_far_behind_another_is_given_up(steps_aside, bounds):
+    """It is no plan then: nobody has looked at its bounds, nor for less."""
+    search = auto._Search(Auto(replace(SOLVER, objective="effort")), aside(bounds=bounds), None)
     search.merged = [1e-3]
-    assert not search._merges(merging := Merging(aside(), steps_aside, SOLVER))
-    assert merging.level == auto.JUDGED
-    assert search.merged == [1e-3]
     result = search._joined(steps_aside, 0)
-    assert result.outcome is Outcome.CONVERGED
-    assert "objective_value" not in result.details
+    assert result.outcome is Outcome.STAGNATED
+    assert "given up" in result.message
+    assert search.merged == [1e-3]
     search.merged = [1e6]
-    assert search._merges(Merging(aside(), steps_aside, SOLVER))
+    plan = search._joined(steps_aside, 0)
+    assert plan.outcome is Outcome.CONVERGED
     assert search.merged[0] == 1e6
     assert len(search.merged) == 2
+
+
+def test_a_merge_whose_plan_does_not_count_puts_none_behind(steps_aside, monkeypatch):
+    search = auto._Search(Auto(replace(SOLVER, objective="effort")), aside(), None)
+
+    def refuted(merging, first, solver):
+        return replace(first, outcome=Outcome.NOT_VERIFIED)
+
+    monkeypatch.setattr(search, "_of_merged", refuted)
+    assert search._joined(steps_aside, 0).outcome is Outcome.NOT_VERIFIED
+    assert search.merged == []
 
 
 def test_a_bound_on_the_pose_is_kept(steps_aside):
