@@ -27,7 +27,7 @@ MOST = 100_000  # steps: no integrator takes more
 # in units of the problem's scales: by how much a path of manoeuvres may be wrong anywhere; verification holds stored
 # trajectories to as much where the tolerance is tight
 FOLLOWED = 1e-5
-DOUBLINGS = 4
+DOUBLINGS = 7
 RUN_AWAY = 2  # of them, after which a path that is not finite is taken for one that has no end
 CLOSE = 1e-7  # between the ends of a path and of the same with half the steps, over the state's scales
 ALLOWED = 0.1  # of the tolerance on E: the error of integration that a plan may carry
@@ -71,7 +71,7 @@ def settled_path(
         flow = RungeKutta4().flow(rate, control.basis, control.horizon, times)
         path = flow.states(start, control.coefficients)
         if not np.isfinite(path).all():
-            if doubling == RUN_AWAY:
+            if doubling >= RUN_AWAY:
                 break
             continue
         if last is not None:

@@ -5,7 +5,10 @@ import pytest
 from scipy.integrate import quad, solve_ivp
 
 from nhpocp.flow.simulation import simulate
+from nhpocp.flow.step_error import settled_path
+from nhpocp.problem import PlanningProblem
 from nhpocp.systems.numeric import NumericSystem
+from nhpocp.systems.unicycle import Unicycle
 from tests.conftest import PAPER_START, paper_problem
 
 
@@ -26,6 +29,26 @@ def test_samples_match_an_independent_integration(samples):
         *("t", "position", "orientation", "v", "u", "leg_lengths", "joint_angles", "platform_normal"),
         *("sigma_s", "sigma_w", "det_s", "det_w"),
     }
+
+
+def test_steps_are_doubled_until_the_path_is_settled():
+    """Merged manoeuvres are one smooth piece that may take tens of thousands."""
+    problem = PlanningProblem(
+        system=Unicycle(), start={"x": 0.0, "y": 0.0, "theta": 0.0}, goal={"x": 1.0, "y": 0.0, "theta": 0.0}
+    )
+    control = problem.control(np.array([[5.0, 0.0, 4.0, 0.0, 0.0], [0.0, 3e3, 0.0, 0.0, 4e3]]))
+    times, path = settled_path(problem, control, 800)
+    assert len(times) - 1 > 16 * 800
+    x, y = (
+        quad(lambda t, part=part: control(t)[0, 0] * part(_heading(t)), 0.0, 1.0, limit=10_000)[0]
+        for part in (np.cos, np.sin)
+    )
+    np.testing.assert_allclose(path[-1, :2], [x, y], atol=1e-6)
+
+
+def _heading(t):
+    turn = 2.0 * np.pi
+    return 3e3 * (1.0 - np.cos(turn * t)) / turn + 4e3 * np.sin(2.0 * turn * t) / (2.0 * turn)
 
 
 def test_costs():
