@@ -12,6 +12,7 @@ from nhpocp.constraints.leg_acceleration import lacking_derivative
 from nhpocp.controls.basis import ControlBasis
 from nhpocp.controls.control import Control
 from nhpocp.controls.projection import project
+from nhpocp.flow.integrators import RungeKutta4
 from nhpocp.flow.simulation import simulate
 from nhpocp.flow.step_error import following
 from nhpocp.interruption import STOPPED
@@ -88,14 +89,15 @@ def _search(
     objective: str = "none",
 ) -> ContinuationResult:
     """The Jacobian method from a control, confirmed by finer steps."""
+    # with fewer steps manoeuvres beside a surface seem to cross it; a search for less is to end where the usual ones no
+    # longer resolve the path: with more it ends where no NLP can begin
+    integrator = following(problem, control) if objective == "none" else RungeKutta4()
     solver = Continuation(
         step_rule=Adaptive(),
         tolerance=tolerance,
         max_iterations=updates,
         objective=objective,
-        integrator=following(
-            problem, control
-        ),  # with fewer steps manoeuvres beside a surface seem to cross it
+        integrator=integrator,
     )
     return confirmed(solver, begun_from(problem, control))
 
