@@ -30,7 +30,7 @@ from nhpocp.solvers.nlp.guesses import SolverGuess
 from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting
 
 Row = dict[str, Any]
-SAME = 1e-5  # of two efforts: what bringing a plan as near to the goal as an NLP's tolerance asks may cost
+ROUNDING = 1e-9
 
 
 @dataclass
@@ -100,7 +100,7 @@ def solved(robot: str, number: int) -> Row:
 
 def dearer(row: Row) -> bool:
     """Whether it costs more than the plan that it began with."""
-    return bool(row["plan_outcome"] == "converged" and row["effort"] > (1 + SAME) * row["plan"])
+    return bool(row["plan_outcome"] == "converged" and row["effort"] > (1 + ROUNDING) * row["plan"])
 
 
 def run(arguments: argparse.Namespace) -> list[Row]:

@@ -105,7 +105,7 @@ class Compiled(Kernels):
 class CompiledWhenReady(Kernels):
     """By a kernel once looking for one is likely to pay.
 
-    The cache is asked when CasADi's evaluation has cost ``patience`` seconds or is about to, some four times as long as
+    The cache is asked when CasADi's evaluation has cost ``patience`` seconds or is about to, some twice as long as
     asking takes, which is all that a run can lose. What is not there is then built by a process of its own, at the
     lowest priority, and taken when later work finds it. NHPOCP_COMPILE=never in the environment switches this off.
     patience: in seconds [time of the clock]. Raises nothing: what cannot be compiled is evaluated by CasADi.

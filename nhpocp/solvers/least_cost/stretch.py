@@ -91,7 +91,7 @@ class _Paths:
         return _Seen(error, self._task.jacobian(path[-1], derivatives[-1]), path)
 
     def price(self, coefficients: Array) -> _Price | None:
-        """None where the path is not finite or not clear; among obstacles it takes a hundred times as long."""
+        """None where the path is not finite or not clear; among obstacles it takes some twenty times as long."""
         with np.errstate(all="ignore"):
             path, derivatives, slacks = self._walled.sensitivity(np.append(self._start, 0.0), coefficients)
         if not (np.isfinite(path).all() and np.isfinite(derivatives).all() and clear_of(slacks)):

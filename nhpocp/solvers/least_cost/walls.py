@@ -19,7 +19,7 @@ NEAR = (
 )
 FORGIVEN = 5e-4  # of its size: by how much a bound may be passed, half of what verification forgives
 LEAST_SINE = (
-    2e-3  # of `System.joint_sines`: a leg turns 500 times as fast there, and verification cannot follow
+    2e-3  # of `System.joint_sines`: a leg turns 500 times as fast; at 1e-4 verification no longer follows
 )
 LONGEST = 20_000  # instructions of bounds that are written out as walls; longer ones are kept by refusing
 EXPANDED = 6  # the largest matrix whose determinant is written out
