@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from math import isqrt
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -19,8 +18,9 @@ from nhpocp.calls import side_by_side
 from nhpocp.controls.control import Control
 from nhpocp.systems.numeric import NumericSystem
 from nhpocp.systems.system import System
+from nhpocp.verification.dop853 import Steps
 from nhpocp.verification.fast_function import FastFunction
-from nhpocp.verification.replay import Path, integrate, replay
+from nhpocp.verification.replay import Driver, Path, integrate, replay
 
 MOST = 64  # paths at once
 
@@ -34,10 +34,10 @@ def replays(
     """`replay` of each of the controls, which are over one basis and one horizon, from its start."""
 
     def whole(members: list[int]) -> Path:
-        rate = FastFunction(side_by_side(numeric.rate_function, len(members)))
+        rate = side_by_side(numeric.rate_function, len(members))
         start = np.concatenate([starts[i] for i in members])
         watch = Watches(numeric.system, start, len(members), vanishing=1e-7)
-        return _integrated(lambda t, x, u: rate(x, u), [controls[i] for i in members], start, watch, scales)
+        return _integrated(rate, [controls[i] for i in members], start, watch, scales)
 
     return _in_company(whole, lambda i: replay(numeric, controls[i], starts[i], scales), len(controls))
 
@@ -54,30 +54,33 @@ def originals(
     """Paths of ẋ = function(x, y(t), u), y being the drivers', all of which reach the end. alone: one of them."""
 
     def whole(members: list[int]) -> Path:
-        rate, driver = (
-            FastFunction(side_by_side(function, len(members))),
-            beside([drivers[i] for i in members]),
-        )
+        rate, driver = side_by_side(function, len(members)), beside([drivers[i] for i in members])
         start = np.concatenate([starts[i] for i in members])
         watch = Watches(system, start, len(members), vanishing=1e-5)
         chosen = [controls[i] for i in members]
-        return _integrated(lambda t, x, u: rate(x, driver(t), u), chosen, start, watch, scales)
+        return _integrated(rate, chosen, start, watch, scales, driver)
 
     return _in_company(whole, alone, len(controls))
 
 
-def beside(paths: Sequence[Path]) -> Callable[[float], Array]:
-    """t ↦ the states of all paths, one after another."""
-    joined = Path.beside(paths)
-    return joined.at if joined else lambda t: np.concatenate([path.at(t) for path in paths])
+def beside(paths: Sequence[Path]) -> Driver:
+    """t (k,) ↦ the states of all paths, one after another."""
+    return Path.beside(paths) or (lambda times: np.hstack([path(times) for path in paths]))
 
 
-def _integrated(rate: Any, controls: list[Control], start: Array, watch: Watches, scales: Array) -> Path:
+def _integrated(
+    rate: ca.Function,
+    controls: list[Control],
+    start: Array,
+    watch: Watches,
+    scales: Array,
+    driver: Driver | None = None,
+) -> Path:
     """Many paths as one."""
     basis, horizon = controls[0].basis, controls[0].horizon
     together = Control(basis, np.vstack([control.coefficients for control in controls]), horizon)
     many = len(controls)
-    return integrate(rate, together, start, watch, np.tile(scales, many), share=1 / np.sqrt(many))
+    return integrate(rate, together, start, watch, np.tile(scales, many), driver, 1 / np.sqrt(many))
 
 
 def _in_company(whole: Whole, alone: Alone, count: int) -> list[Path]:
@@ -123,9 +126,9 @@ class Watches:
             products *= np.linalg.det(entries.reshape(-1, side, side))
         return products
 
-    def look(self, dense: Any, low: float, high: float) -> tuple[float, str | None]:
+    def look(self, step: Steps, low: float, high: float, end: Array) -> tuple[float, str | None]:
         """As `Watch.look`, but not where: that is found for the path alone."""
-        values = self.values(dense(np.asarray(high)))
+        values = self.values(end)
         self._largest = np.maximum(self._largest, np.abs(values))
         met = (np.sign(values) != self._signs) | (np.abs(values) < self._vanishing * self._largest)
         return high, "one of them meets a singularity" if met.any() else None

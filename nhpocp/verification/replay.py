@@ -1,4 +1,4 @@
-"""Integration of a system's equations under a stored control, by SciPy's DOP853. [Hairer, Nørsett, Wanner I]
+"""Integration of a system's equations under a stored control, by DOP853. [Hairer, Nørsett, Wanner I]
 
 A path is integrated piece by piece between the control's breakpoints with one-sided control values, so that no step
 straddles a discontinuity. The rotation is integrated as nine plain numbers and never projected: its drift off SO(3)
@@ -10,11 +10,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from math import isqrt
-from typing import Any, Protocol
+from typing import Protocol
 
 import casadi as ca
 import numpy as np
-from scipy.integrate import DOP853
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
@@ -23,12 +22,14 @@ from nhpocp.controls.control import Control
 from nhpocp.state_space import StateSpace
 from nhpocp.systems.numeric import NumericSystem
 from nhpocp.systems.system import System
+from nhpocp.verification.dop853 import NODES, Dop853, Steps, longer
 from nhpocp.verification.fast_function import FastFunction
-from nhpocp.verification.pieces import Inputs, Pieces, Steps, Strides, in_pieces
+from nhpocp.verification.pieces import Inputs, Pieces, in_pieces
 
 RTOL = ATOL = 1e-12  # the latter in units of the state's scales
 METHOD = (
-    f"SciPy DOP853, rtol {RTOL:g}, atol {ATOL:g} of the state's scales, between the control's breakpoints"
+    f"DOP853 with SciPy's coefficients, rtol {RTOL:g}, atol {ATOL:g} of the state's scales, "
+    "between the control's breakpoints"
 )
 MOST_STEPS = 5_000  # of a smooth piece; one takes 20 to 500
 STEPS_PER_FUNCTION = 20  # more, for a basis whose functions oscillate: a harmonic takes up to 10
@@ -36,8 +37,9 @@ STEPS_PER_FUNCTION = 20  # more, for a basis whose functions oscillate: a harmon
 FIRST_STEP = 0.02
 MANY = 1000  # pieces, from which on preparing to step over many at once is worth while
 SHORTEST_STEP = 1e-9  # fraction of a smooth piece; a path that needs such steps ends there
+ROUNDED = 10  # times the spacing of numbers near t: SciPy's least step
 
-Rate = Callable[[float, Array, Array], Array]  # (t, x, u(t)) ↦ ẋ
+Driver = Callable[[Array], Array]  # t (k,) ↦ (k, ·), what stands beside u(t) in a rate
 
 
 class Looking(Protocol):
@@ -46,7 +48,7 @@ class Looking(Protocol):
     @property
     def looks(self) -> bool: ...
 
-    def look(self, dense: Any, low: float, high: float) -> tuple[float, str | None]: ...
+    def look(self, step: Steps, low: float, high: float, end: Array) -> tuple[float, str | None]: ...
 
 
 @dataclass(frozen=True)
@@ -134,15 +136,15 @@ class Watch:
             product *= float(np.linalg.det(entries.reshape(side, side)))
         return product
 
-    def look(self, dense: Any, low: float, high: float) -> tuple[float, str | None]:
-        """Where a step ends, ``high`` unless a zero is met before, and what was met."""
-        value = self.value(dense(np.asarray(high)))
+    def look(self, step: Steps, low: float, high: float, end: Array) -> tuple[float, str | None]:
+        """Where a step ends, ``high`` unless a zero is met before, and what was met. end: the state at ``high``."""
+        value = self.value(end)
         self._largest = max(self._largest, abs(value))
         named = " or ".join(f"det {name.upper()}" for name in self._names)
         if np.sign(value) != self._sign:
-            if self.value(dense(np.asarray(low))) * value < 0:  # else the value is 0 or not a number
+            if self.value(step(np.asarray(low))) * value < 0:  # else the value is 0 or not a number
                 high = float(
-                    brentq(lambda t: self.value(dense(np.asarray(t))), low, high, xtol=1e-12 * (high - low))
+                    brentq(lambda t: self.value(step(np.asarray(t))), low, high, xtol=1e-12 * (high - low))
                 )
             return high, f"{named}, by which these equations divide, changes its sign"
         if abs(value) < self._vanishing * self._largest:
@@ -151,27 +153,28 @@ class Watch:
 
 
 def integrate(
-    rate: Rate,
+    rate: ca.Function,
     control: Control,
     start: Array,
     watch: Looking | None = None,
     scales: Array | float = 1.0,
-    function: ca.Function | None = None,
+    driver: Driver | None = None,
     share: float = 1.0,
 ) -> Path:
     """ẋ = rate over the control's horizon; ends early where it cannot go on, or where ``watch`` meets a zero.
 
-    ``scales``: the natural sizes of the state's numbers. No step or tolerance has a unit of its own. ``function``:
-    (x, u) ↦ rate, where that depends on nothing else; with it many short pieces take little time. share: of the
-    tolerances.
+    rate: (x, u) ↦ ẋ, or (x, y, u) ↦ ẋ where a ``driver`` gives y(t). scales: the natural sizes of the state's numbers.
+    No step or tolerance has a unit of its own. share: of the tolerances.
     """
-    rtol, atol, longest = share * RTOL, share * ATOL * scales, FIRST_STEP * control.horizon
+    steps = Dop853(rate, share * RTOL, share * ATOL * scales)
     budget = MOST_STEPS + STEPS_PER_FUNCTION * control.basis.size
-    run = _Integration(rate, np.asarray(start, dtype=float), rtol, atol, longest, budget, watch)
-    strides = Strides(function, rtol, atol) if function and len(control.breakpoints) > MANY else None
+    run = _Integration(
+        steps, np.asarray(start, dtype=float), FIRST_STEP * control.horizon, budget, watch, driver
+    )
+    many = driver is None and len(control.breakpoints) > MANY and steps.quick
     with np.errstate(all="ignore"):  # a step that overflows is rejected and shortened
         for pieces in in_pieces(control):
-            done = run.stride(strides, pieces) if strides else 0
+            done = run.stride(pieces) if many else 0
             for k in range(done, len(pieces)):
                 if not run.stopped:
                     run.follow(pieces.inputs(k), *map(float, pieces.ends[k : k + 2]))
@@ -184,23 +187,22 @@ def integrate(
 class _Integration:
     """How far a path has been followed, and how."""
 
-    rate: Rate
+    step: Dop853
     state: Array
-    rtol: float
-    atol: Array | float
     longest: float  # of a first step
     budget: int  # steps of a piece
     watch: Looking | None
+    driver: Driver | None
     reached: float = 0.0
     stopped: str | None = None
     steps: list[Steps] = field(default_factory=list)
 
-    def stride(self, strides: Strides, pieces: Pieces) -> int:
+    def stride(self, pieces: Pieces) -> int:
         """Over the first pieces in one step each; how many."""
-        steps, ends = strides.along(self.state, pieces, self.longest)
+        steps, ends = self.step.along(self.state, pieces, self.longest)
         if self.watch and self.watch.looks:
-            for k in range(len(ends)):
-                self._keep(steps[k : k + 1], float(pieces.ends[k + 1]))
+            for k, end in enumerate(ends):
+                self._keep(steps[k : k + 1], float(pieces.ends[k + 1]), end)
                 if self.stopped:
                     break
         elif len(ends):
@@ -211,36 +213,45 @@ class _Integration:
 
     def follow(self, inputs: Inputs, first: float, last: float) -> None:
         """Over one piece, in as many steps as it takes."""
-
-        def piecewise(t: float, x: Array) -> Array:
-            return self.rate(t, x, inputs(t))
-
-        # DOP853 would never return from its first step
-        if not np.isfinite(piecewise(first, self.state)).all():
-            self.stopped = "the rate there is not finite"
-            return
-        step = min(last - first, self.longest)
-        solver = DOP853(piecewise, first, self.state, last, rtol=self.rtol, atol=self.atol, first_step=step)
-        taken = 0
-        while solver.status == "running" and self.stopped is None:
-            solver.step()
+        time, width, taken, rejected = first, min(last - first, self.longest), 0, False
+        while time < last and self.stopped is None:
+            least = ROUNDED * float(np.spacing(time))
+            if rejected and width < least:
+                self.stopped = "the step size collapsed"
+                return
+            end = min(time + max(width, least), last)
+            state, error, powers = self.step(self.state, end - time, self._given(inputs, time, end))
+            if not taken and np.isnan(error) and not self._begins(inputs, time):
+                self.stopped = "the rate there is not finite"
+                return
+            width, rejected = longer(end - time, error, rejected), not error < 1
+            if rejected:
+                continue
             taken += 1
-            if solver.status == "failed":
+            if end < last and end - time < SHORTEST_STEP * (last - first):
                 self.stopped = "the step size collapsed"
-                break
-            if solver.status == "running" and solver.step_size < SHORTEST_STEP * (last - first):
-                self.stopped = "the step size collapsed"
-            self._keep(Steps.of(solver.dense_output()), float(solver.t))
-            if taken >= self.budget and solver.status == "running" and self.stopped is None:
+            self._keep(
+                Steps(np.array([time]), np.array([end - time]), self.state[None], powers[None]), end, state
+            )
+            if taken >= self.budget and end < last and self.stopped is None:
                 self.stopped = (
                     f"{taken} steps were not enough for the smooth piece from t={first:g} to {last:g}"
                 )
-        self.state = solver.y
+            time, self.state = end, state
 
-    def _keep(self, step: Steps, end: float) -> None:
+    def _given(self, inputs: Inputs, time: float, end: float) -> Array:
+        """What stands beside the state in the rate, where a step takes it."""
+        times = time + (end - time) * NODES
+        return np.hstack([self.driver(times), inputs(times)]) if self.driver else inputs(times)
+
+    def _begins(self, inputs: Inputs, time: float) -> bool:
+        """Whether the rate is finite where a piece begins."""
+        return self.step.finite(self.state, self._given(inputs, time, time))
+
+    def _keep(self, step: Steps, end: float, state: Array) -> None:
         """One step more, as far as nothing is met on it."""
         if self.watch and self.stopped is None:
-            end, self.stopped = self.watch.look(step, self.reached, end)
+            end, self.stopped = self.watch.look(step, self.reached, end, state)
         if end > self.reached:
             self.reached = end
             self.steps.append(step)
@@ -248,9 +259,8 @@ class _Integration:
 
 def replay(numeric: NumericSystem, control: Control, start: Array, scales: Array | float = 1.0) -> Path:
     """The system's own equations ẋ = G(x) u under the control; ``scales`` as for `integrate`."""
-    rate = FastFunction(numeric.rate_function)
     patient = Watch(numeric.system, start, vanishing=1e-7)  # to stop here is to refute
-    return integrate(lambda t, x, u: rate(x, u), control, start, patient, scales, numeric.rate_function)
+    return integrate(numeric.rate_function, control, start, patient, scales)
 
 
 def sample(path: Path, control: Control, count: int) -> Samples:

@@ -11,7 +11,6 @@ from nhpocp.solution import Solution, Verdict
 from nhpocp.systems.numeric import NumericSystem
 from nhpocp.verification.checks import Check
 from nhpocp.verification.company import originals, replays
-from nhpocp.verification.fast_function import FastFunction
 from nhpocp.verification.replay import Path, Watch, integrate
 
 
@@ -78,12 +77,12 @@ def _originals(checks: Sequence[Check]) -> list[Path | None]:
     x, driver, v = (ca.SX.sym(name, size) for name, size in sizes.items())
     function = ca.Function("original", [x, driver, v], [ca.densify(other.rate(x, feedback(driver, v)))])
     chosen = [checks[i] for i in members]
-    rate, scales = FastFunction(function), problem.scales.points
+    scales = problem.scales.points
 
     def alone(i: int) -> Path:
         check, start = chosen[i], chosen[i].problem.start_point
         watch = Watch(other, start, vanishing=1e-5)
-        return integrate(lambda t, at, u: rate(at, check.path.at(t), u), check.control, start, watch, scales)
+        return integrate(function, check.control, start, watch, scales, check.path)
 
     found = originals(
         other,

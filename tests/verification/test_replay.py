@@ -5,8 +5,10 @@ from __future__ import annotations
 from functools import partial
 from itertools import pairwise
 
+import casadi as ca
 import numpy as np
 import pytest
+from scipy.integrate import DOP853
 
 import nhpocp.verification.replay as module
 from nhpocp import planning
@@ -29,9 +31,13 @@ from nhpocp.systems.system import System
 from nhpocp.systems.three_upu import ThreeUPU
 from nhpocp.systems.unicycle import Unicycle
 from nhpocp.verification.crossings import TOUCH, sign_changes, touches
+from nhpocp.verification.fast_function import FastFunction
 from nhpocp.verification.pieces import NODES, PROBES, in_pieces
 from nhpocp.verification.replay import integrate, replay, sample
 from tests.conftest import PAPER_START, paper_problem
+
+X, U = ca.SX.sym("x"), ca.SX.sym("u")
+INPUT = ca.Function("rate", [X, U], [U])
 
 
 class Jump(Fourier):
@@ -59,14 +65,14 @@ class JumpingRamp(Jump):
 @pytest.mark.parametrize(("basis", "end"), [(Jump(), 3.2), (JumpingRamp(), 1.975)])
 def test_nothing_straddles_a_discontinuity(basis, end):
     """A control that jumps is integrated exactly, whether it is constant between the jumps or not."""
-    path = integrate(lambda t, x, u: u, Control(basis, [[1.0]]), np.zeros(1))
+    path = integrate(INPUT, Control(basis, [[1.0]]), np.zeros(1))
     np.testing.assert_allclose(path([0.15, 0.3, 1.0])[:, 0], [-0.15, -0.3, end], atol=1e-14)
     assert path.at(0.3) == pytest.approx(-0.3, abs=1e-14)
 
 
 def test_sampling_gives_both_sides_of_a_breakpoint():
     control = Control(Jump(), [[1.0]])
-    samples = sample(integrate(lambda t, x, u: u, control, np.zeros(1)), control, 11)
+    samples = sample(integrate(INPUT, control, np.zeros(1)), control, 11)
     at_jump = samples.times == 0.3
     assert samples.controls[at_jump, 0].tolist() == [-1.0, 5.0]
 
@@ -87,9 +93,9 @@ def test_inputs_on_a_piece_are_the_controls(basis, horizon):
     assert pieces.ends.tolist() == np.unique([0.0, *control.breakpoints, horizon]).tolist()
     for k, (first, last) in enumerate(pairwise(pieces.ends)):
         inputs = pieces.inputs(k)
-        for time in np.linspace(first, last, 12)[:-1]:
-            np.testing.assert_allclose(inputs(time), control(np.array([time]))[0], atol=1e-14)
-        np.testing.assert_allclose(inputs(last), control(np.array([last]), "left")[0], atol=1e-14)
+        times = np.linspace(first, last, 12)
+        expected = np.vstack([control(times[:-1]), control(times[-1:], "left")])
+        np.testing.assert_allclose(inputs(times), expected, atol=1e-14)
 
 
 @pytest.mark.parametrize("kind", [PiecewiseConstant, partial(BSpline, 3)], ids=["constants", "splines"])
@@ -135,10 +141,6 @@ def test_many_short_pieces_lead_where_dop853_does_one_by_one(problem, jolt, monk
     np.testing.assert_allclose(together(inside), one_by_one(inside), rtol=1e-11, atol=1e-11)
 
 
-def _rate(time, state, inputs):
-    return inputs
-
-
 @pytest.mark.parametrize(
     "basis", [PiecewiseConstant(200), Fourier(40), Fourier(1)], ids=lambda basis: basis.kind
 )
@@ -147,7 +149,7 @@ def test_a_path_of_many_steps_is_followed_to_its_end(basis, monkeypatch):
     monkeypatch.setattr(module, "MOST_STEPS", 50)
     coefficients = np.zeros((1, basis.size))
     coefficients[0, -2:] = 1.0
-    path = integrate(_rate, Control(basis, coefficients), np.zeros(1))
+    path = integrate(INPUT, Control(basis, coefficients), np.zeros(1))
     assert path.stopped is None
     assert path.reached == 1.0
     expected = Control(basis, coefficients)((np.arange(4000) + 0.5) / 4000).mean(
@@ -156,9 +158,38 @@ def test_a_path_of_many_steps_is_followed_to_its_end(basis, monkeypatch):
     np.testing.assert_allclose(path.at(1.0), expected, atol=1e-9)
 
 
+@pytest.mark.parametrize("basis", [Fourier(2), Legendre(40), PiecewiseConstant(3)], ids=lambda b: b.kind)
+@pytest.mark.parametrize("problem", [_unicycle, paper_problem])
+def test_every_step_is_scipys(problem, basis):
+    """Their number, where they end, as far as what rounds in estimates of 1e-12 lets it, and the states between."""
+    found = problem()
+    size = found.system.input_space.size, basis.size
+    control = Control(basis, 0.3 * np.random.default_rng(3).normal(size=size))
+    numeric, begin = NumericSystem(found.system), found.start_point
+    path = replay(numeric, control, begin)
+    assert path.reached == 1.0
+    rate, state, taken = FastFunction(numeric.rate_function), begin, 0
+    for first, last in pairwise([0.0, *control.breakpoints, 1.0]):
+        inputs = lambda t, end=last: control([min(t, end)], "left" if t >= end else "right")[0]  # noqa: E731
+        slope = lambda t, x, inputs=inputs: rate(x, inputs(t))  # noqa: E731
+        step = min(last - first, module.FIRST_STEP)
+        solver = DOP853(slope, first, state, last, rtol=module.RTOL, atol=module.ATOL, first_step=step)
+        while solver.status == "running":
+            solver.step()
+            taken += 1
+            assert path.times[taken] == pytest.approx(solver.t, abs=0.01 * solver.step_size)
+            between = solver.t_old + np.array([0.2, 0.7, 1.0]) * solver.step_size
+            expected = solver.dense_output()(between).T
+            np.testing.assert_allclose(path(between), expected, rtol=1e-11, atol=1e-14)
+        state = solver.y
+    assert len(path.times) == taken + 1
+
+
 def test_a_path_that_needs_too_many_steps_is_said_to():
     """ẋ = cos(1e6 t) has no step that is too short, only too many."""
-    path = integrate(lambda t, x, u: np.cos([1e6 * t]), Control(Fourier(0), [[0.0]]), np.zeros(1))
+    state = ca.SX.sym("x", 2)  # whose second number is the time
+    rate = ca.Function("rate", [state, U], [ca.vertcat(ca.cos(1e6 * state[1]), 1)])
+    path = integrate(rate, Control(Fourier(0), [[0.0]]), np.zeros(2))
     assert path.stopped == "5020 steps were not enough for the smooth piece from t=0 to 1"
     assert 0 < path.reached < 1
 

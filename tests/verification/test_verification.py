@@ -392,7 +392,7 @@ def test_a_determinant_that_touches_zero_is_a_crossing():
 @pytest.mark.parametrize("stepped_over", [False, True])
 def test_equations_that_divide_by_what_touches_zero_are_not_trusted(stepped_over, monkeypatch):
     if stepped_over:  # as an integrator's steps may do
-        monkeypatch.setattr(Watch, "look", lambda watch, dense, low, high: (high, None))
+        monkeypatch.setattr(Watch, "look", lambda watch, step, low, high, end: (high, None))
     verdict = verify(on_the_axis("original"))
     assert not verdict.ok
     assert [reason for reason in verdict.reasons if "det W, by which these equations divide" in reason]
