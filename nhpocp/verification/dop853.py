@@ -6,7 +6,6 @@ here, its estimate of the error, its lengths of steps, and its polynomials betwe
 
 from __future__ import annotations
 
-from bisect import bisect_left
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -63,32 +62,12 @@ class Steps:
         total[:, 0] += self.states
         return total
 
-    def at(self, time: float) -> Array:
-        """The state (n,) at one time, as by a call but in less time."""
-        place = max(bisect_left(self._begins, time) - 1, 0)
-        fraction = (time - self._begins[place]) / self._widths[place]
-        return np.asarray(fraction**self._orders @ self._monomials[place])
-
-    @cached_property
-    def _orders(self) -> Array:
-        return np.arange(self.powers.shape[1] + 1)
-
-    @cached_property
-    def _begins(self) -> list[float]:
-        return self.begins.tolist()
-
-    @cached_property
-    def _widths(self) -> list[float]:
-        return self.widths.tolist()
-
     def __call__(self, times: Array) -> Array:
         """States (…, n) at times (…); a step's end belongs to it."""
         place = np.maximum(np.searchsorted(self.begins, times, side="left") - 1, 0)
-        fraction = ((times - self.begins[place]) / self.widths[place])[..., None]
-        state = np.zeros(self.states.shape[1])
-        for i in range(self.powers.shape[1]):
-            state = (state + self.powers[place, -1 - i]) * (1 - fraction if i % 2 else fraction)
-        return np.asarray(state + self.states[place])
+        fraction = (times - self.begins[place]) / self.widths[place]
+        orders = np.arange(self.powers.shape[1] + 1)
+        return np.asarray((fraction[..., None, None] ** orders @ self._monomials[place])[..., 0, :])
 
 
 class Dop853:

@@ -73,8 +73,8 @@ class Path:
         return np.append([] if self._steps is None else self._steps.begins, self.reached)
 
     def at(self, time: float) -> Array:
-        """The state (n,) at one time, without the cost of arrays of times."""
-        return self.start if self._steps is None else self._steps.at(time)
+        """The state (n,) at one time."""
+        return np.asarray(self(np.array([time]))[0])
 
     def parts(self, many: int) -> list[Path]:
         """The paths of so many equal parts of the state, one after another."""

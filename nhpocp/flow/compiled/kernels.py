@@ -105,13 +105,13 @@ class Compiled(Kernels):
 class CompiledWhenReady(Kernels):
     """By a kernel once looking for one is likely to pay.
 
-    The cache is asked when CasADi's evaluation has cost ``patience`` seconds or is about to, some twice as long as
-    asking takes, which is all that a run can lose. What is not there is then built by a process of its own, at the
-    lowest priority, and taken when later work finds it. NHPOCP_COMPILE=never in the environment switches this off.
+    The cache is asked when CasADi's evaluation has cost ``patience`` seconds or is about to, as long as asking takes
+    for a robot: all that a run can lose. What is not there is then built by a process of its own, at the lowest
+    priority, and taken when later work finds it. NHPOCP_COMPILE=never in the environment switches this off.
     patience: in seconds [time of the clock]. Raises nothing: what cannot be compiled is evaluated by CasADi.
     """
 
-    patience: float = 0.15
+    patience: float = 0.07
 
     def for_long_work(self) -> Kernels:
         return self if os.environ.get("NHPOCP_COMPILE") == "never" else Compiled()

@@ -34,10 +34,17 @@ class Poses:
         self.checks, self.scales, self.loops, self.most = checks, problem.scales.states, loops, most
         space = problem.system.state_space
         self._turns = [space.tangent_slice(block.name) for block in space.blocks if block.kind == "rotation"]
+        self._tangents: dict[tuple[bytes, bytes], tuple[Array, float]] = {}
         self._measured: dict[tuple[bytes, bytes], float] = {}
 
     def tangent(self, there: Array, here: Array) -> tuple[Array, float]:
         """From one pose to another, and how long that is; infinite where it would be a half turn."""
+        key = there.tobytes(), here.tobytes()
+        if key not in self._tangents:  # one edge is asked for several times
+            self._tangents[key] = self._measure(there, here)
+        return self._tangents[key]
+
+    def _measure(self, there: Array, here: Array) -> tuple[Array, float]:
         tangent = self.checks.difference(there, here)
         far = not np.isfinite(tangent).all() or any(
             np.linalg.norm(tangent[turn]) > LONGEST for turn in self._turns
