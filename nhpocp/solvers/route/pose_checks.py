@@ -75,16 +75,17 @@ class OnOneSide(PoseCheck):
         else:
             size = int(np.sqrt(numbers.shape[1]))
             matrices = numbers.reshape(-1, size, size)
-            finite = np.isfinite(matrices).all(axis=(1, 2))
-            matrices = np.where(finite[:, None, None], matrices, 0.0)
+            if not np.isfinite(numbers).all():
+                finite = np.isfinite(matrices).all(axis=(1, 2))
+                matrices = np.where(finite[:, None, None], matrices, 0.0)
             signed = np.sign(np.linalg.det(matrices)) * svd(matrices, compute_uv=False)[:, -1]
         return np.where(np.isfinite(signed), self.sign * signed, 0.0) - self.least
 
 
 def signed_least(matrix: ca.SX) -> ca.SX:
-    """σ_min of a matrix (3 × 3) with the sign of its determinant, det M / (σ_1 σ_2).
+    """σ_min of a matrix (3 × 3) with the sign of its determinant, det M / (σ_1 σ_2), and no more than σ_2.
 
-    λ of MᵀM by the cosine formula, whose largest two are as exact as MᵀM is.
+    λ of MᵀM by the cosine formula, whose largest two are as exact as MᵀM is; of rank 1, what rounds is divided by it.
     """
     square = matrix.T @ matrix
     middle = ca.trace(square) / 3
@@ -93,8 +94,9 @@ def signed_least(matrix: ca.SX) -> ca.SX:
     cosine = ca.det(apart) / (2 * ca.fmax(spread, TINY) ** 3)
     angle = ca.acos(ca.fmin(ca.fmax(cosine, -1), 1)) / 3
     first, last = (middle + 2 * spread * ca.cos(angle + turn) for turn in (0.0, 2 * np.pi / 3))
-    second = 3 * middle - first - last
-    return ca.det(matrix) / ca.fmax(ca.sqrt(first * second), TINY)
+    second = ca.fmax(3 * middle - first - last, 0)
+    signed, most = ca.det(matrix) / ca.fmax(ca.sqrt(first * second), TINY), ca.sqrt(second)
+    return ca.fmax(ca.fmin(signed, most), -most)
 
 
 @dataclass(frozen=True)
@@ -209,8 +211,8 @@ class PoseChecks:
 
     def between(self, here: Array, tangent: Array, fractions: Array) -> Array:
         """Poses (k, size) along a tangent from one of them."""
-        k = len(fractions)
-        return of_many(self._between, np.tile(here, (k, 1)), np.tile(tangent, (k, 1)), fractions[:, None])
+        ends = [np.broadcast_to(numbers, (len(fractions), len(numbers))) for numbers in (here, tangent)]
+        return of_many(self._between, *ends, fractions[:, None])
 
     def refuse(self, slacks: Array) -> bool:
         """Whether one of the poses with these slacks (k, checks) is not valid; what says so is counted."""
