@@ -169,7 +169,8 @@ class LoweredGuess:
         for ended in found:  # the last may be too wild to be brought nearer
             lowered = _made(plan, _search(plan.problem, ended.control, NEARER * self.tolerance))
             if reaches(lowered, self.tolerance):
-                return [replace(lowered, details={TOWARDS: ended.details.get(TOWARDS, [])})]
+                details = {TOWARDS: ended.details.get(TOWARDS, [])}
+                return [replace(lowered, tolerance=self.tolerance, details=details)]
         return []
 
     @property
@@ -226,6 +227,8 @@ def handed_back(failed: Solution, plan: Solution, lowered: LoweredGuess) -> Solu
         why += f"; {way} took its {name} from {cost_of(plan):.6g} to {cost_of(least):.6g}"
     if towards := least.details.get(TOWARDS):
         why += f"; from there it falls towards {' and '.join(towards)}, where there is no least"
+    if least.tolerance > failed.tolerance:
+        why += f"; it is within E = {least.tolerance:g} of the goal, and could not be brought to {failed.tolerance:g}"
     which = "plan it began with" if failed.settings["initial"] == "jacobian" else "Jacobian method's plan"
     words = f"Reached; optimality is not certified; the {which} is handed back: {why}"
     instead = _instead(failed, plan, least)
@@ -251,6 +254,7 @@ def _instead(failed: Solution, plan: Solution, least: Solution) -> Solution:
     }
     return replace(
         failed,
+        tolerance=max(failed.tolerance, least.tolerance),
         final_error=least.final_error,
         control=least.control,
         trajectory=least.trajectory,

@@ -38,11 +38,14 @@ DRAWS = 40  # of a seeded control; an NLP needs no full rank, and begins with wh
 
 
 class NoGuessError(InvalidProblemError):
-    """A guess that cannot be made; ``outcome`` is how a solve ends that needed it."""
+    """A guess that cannot be made; ``outcome`` is how a solve ends that needed it.
 
-    def __init__(self, message: str, outcome: Outcome, path: str) -> None:
+    origin: the plan of another solver of which none could be made.
+    """
+
+    def __init__(self, message: str, outcome: Outcome, path: str, origin: Solution | None = None) -> None:
         super().__init__(message, path=path)
-        self.outcome = outcome
+        self.outcome, self.origin = outcome, origin
 
 
 class GuessMaker(Protocol):
@@ -90,6 +93,7 @@ def make_guess(
             "solvers.nlp.initial: straight",
             Outcome.NOT_FINITE,
             "control.initial" if maker.kind == "problem" else "solvers.nlp.initial",
+            origin,
         )
     return Guess(states, control, origin)
 

@@ -16,6 +16,7 @@ from nhpocp.controls.piecewise_constant import PiecewiseConstant
 from nhpocp.declared import check
 from nhpocp.errors import CallError, InvalidProblemError, describe
 from nhpocp.flow.compiled.kernels import CompiledWhenReady, Kernels
+from nhpocp.flow.step_error import FOLLOWED
 from nhpocp.interruption import Interruption
 from nhpocp.objectives.registry import OBJECTIVES
 from nhpocp.outcome import Outcome
@@ -203,8 +204,11 @@ class MultipleShooting(Constructed):
         return replace(best, message=f"{best.message} {words}")
 
     def _plan(self, run: Run) -> Solution | None:
-        """The plan that a run began with, if another solver made one that counts."""
-        return run.origin if run.origin and reaches(run.origin, self.tolerance) else None
+        """The plan that a run began with, if another solver made one that counts: by its own tolerance, at least.
+
+        Of many manoeuvres, each of which multiplies errors, some cannot be brought nearer.
+        """
+        return run.origin if run.origin and reaches(run.origin, run.origin.tolerance) else None
 
     def _lowered(self, problem: PlanningProblem, plan: Solution) -> LoweredGuess:
         basis = problem.basis if self.over_basis else PiecewiseConstant(self.intervals)
@@ -246,7 +250,9 @@ def _objective(solution: Solution) -> float:
 
 def _well(solution: Solution, plan: Solution | None = None) -> bool:
     """Whether an optimum is what it says, as far as finer steps and the determinants' signs tell, and beats a plan."""
-    gap, one_side = solution.details.get("resimulated_gap", 0.0), solution.details.get("one_side", True)
+    told = solution.details
+    gap, wrong = told.get("resimulated_gap", 0.0), told.get("path_error", 0.0)
+    one_side = told.get("one_side", True) and wrong <= FOLLOWED
     stands = solution.outcome is Outcome.CONVERGED and bool(one_side and gap <= solution.tolerance)
     return stands and (plan is None or (reaches(solution, solution.tolerance) and not dearer(solution, plan)))
 

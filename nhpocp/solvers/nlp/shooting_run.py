@@ -14,7 +14,7 @@ from nhpocp.controls.control import Control
 from nhpocp.deferred import Deferred
 from nhpocp.flow.compiled.kernels import Interpreted, Kernels
 from nhpocp.flow.simulation import Motion, simulate
-from nhpocp.flow.step_error import ALLOWED, FINER
+from nhpocp.flow.step_error import ALLOWED, FINER, following, path_error
 from nhpocp.interruption import STOPPED, Interruption
 from nhpocp.objectives.registry import OBJECTIVES
 from nhpocp.outcome import Outcome
@@ -104,6 +104,7 @@ class Run:
                 self.solver.tolerance,
             )
         except NoGuessError as error:
+            self.origin = error.origin
             sentence, seconds = f"No guess to start from: {error.message}.", perf_counter() - began
             return unsolved(self.problem, self.solver, error.outcome, sentence, build_seconds=seconds)
         self.evaluations += self.maker.evaluations if isinstance(self.maker, LoweredGuess) else 0
@@ -278,6 +279,9 @@ class Run:
         outcome = optimum.outcome
         if outcome is Outcome.INFEASIBLE:
             outcome = Outcome.STAGNATED  # a local word: it cannot know of other paths
+        if outcome is Outcome.CONVERGED:  # where a step jumps across a pole the end may be right
+            followed = following(self.problem, plan.control)
+            self.details["path_error"] = path_error(self.problem, plan.control, followed)
         met = self._meets(plan.control, programme.steps)
         cost, ending = self._objective(programme, optimum, motion), Ending(programme, optimum)
         costates = programme.costates(optimum.x, optimum.multipliers)

@@ -17,6 +17,7 @@ from nhpocp.problem import PlanningProblem
 from nhpocp.solvers.continuation.auto import Auto
 from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.step_rules import Adaptive
+from nhpocp.solvers.nlp import first_plan, guesses
 from nhpocp.solvers.nlp.first_plan import LoweredGuess, brought, cost_of, dearer, over, reaches
 from nhpocp.solvers.nlp.guesses import SolverGuess
 from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting
@@ -128,6 +129,24 @@ def test_a_plan_that_does_not_reach_the_goal_is_not_handed_back():
     solution = planning.solve(turning(1.0), warm(short, optimizer=lying()))
     assert "handed_back" not in solution.details
     assert not solution.converged
+
+
+@pytest.mark.parametrize("nearer", [True, False], ids=["brought nearer", "as near as it is"])
+def test_a_plan_that_no_nlp_can_begin_with_is_handed_back(nearer, monkeypatch):
+    """Nor can it be brought nearer to the goal, if it is of manoeuvres that multiply errors; then that is said."""
+    monkeypatch.setattr(guesses, "follow", lambda problem, control, intervals, steps: np.array([[np.nan]]))
+    if not nearer:
+        search = first_plan._search
+        monkeypatch.setattr(
+            first_plan, "_search", lambda *asked: replace(search(*asked), outcome=Outcome.STAGNATED)
+        )
+    solution = planning.solve(turning(1.0), warm())
+    assert solution.converged, solution.message
+    assert "the plan it began with is handed back: the NLP ended as not_finite" in solution.message
+    assert solution.tolerance == (1e-6 if nearer else 1e-3)
+    assert (
+        "it is within E = 0.001 of the goal, and could not be brought to 1e-06" in solution.message
+    ) != nearer
 
 
 def test_a_plan_comes_nearer_to_the_goal_and_fits_another_basis():
