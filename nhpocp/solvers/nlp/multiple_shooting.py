@@ -249,12 +249,16 @@ def _objective(solution: Solution) -> float:
 
 
 def _well(solution: Solution, plan: Solution | None = None) -> bool:
-    """Whether an optimum is what it says, as far as finer steps and the determinants' signs tell, and beats a plan."""
+    """Whether an optimum is what it says, and beats a plan."""
+    stands = solution.outcome is Outcome.CONVERGED and _true(solution)
+    return stands and (plan is None or (reaches(solution, solution.tolerance) and not dearer(solution, plan)))
+
+
+def _true(solution: Solution) -> bool:
+    """Whether a motion is what it seems to be, as far as finer steps and the determinants' signs tell."""
     told = solution.details
     gap, wrong = told.get("resimulated_gap", 0.0), told.get("path_error", 0.0)
-    one_side = told.get("one_side", True) and wrong <= FOLLOWED
-    stands = solution.outcome is Outcome.CONVERGED and bool(one_side and gap <= solution.tolerance)
-    return stands and (plan is None or (reaches(solution, solution.tolerance) and not dearer(solution, plan)))
+    return bool(told.get("one_side", True) and gap <= solution.tolerance and wrong <= FOLLOWED)
 
 
 def _uncertified(ended: list[Solution]) -> Solution | None:
@@ -268,6 +272,7 @@ def _uncertified(ended: list[Solution]) -> Solution | None:
         if solution.outcome is Outcome.STAGNATED
         and solution.details.get("feasible")
         and solution.final_error <= solution.tolerance
+        and _true(solution)
     ]
     if not plans:
         return None

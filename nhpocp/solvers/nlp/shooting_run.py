@@ -279,12 +279,12 @@ class Run:
         outcome = optimum.outcome
         if outcome is Outcome.INFEASIBLE:
             outcome = Outcome.STAGNATED  # a local word: it cannot know of other paths
-        if outcome is Outcome.CONVERGED:  # where a step jumps across a pole the end may be right
-            followed = following(self.problem, plan.control)
-            self.details["path_error"] = path_error(self.problem, plan.control, followed)
         met = self._meets(plan.control, programme.steps)
         cost, ending = self._objective(programme, optimum, motion), Ending(programme, optimum)
         costates = programme.costates(optimum.x, optimum.multipliers)
+        if ending.feasible:  # a step may jump across a pole, to where it is right again
+            followed = following(self.problem, plan.control)
+            self.details["path_error"] = path_error(self.problem, plan.control, followed)
         self.details |= {
             "status": optimum.status,
             "feasible": ending.feasible,

@@ -20,7 +20,7 @@ from nhpocp.solvers.continuation.step_rules import Adaptive
 from nhpocp.solvers.nlp import first_plan, guesses
 from nhpocp.solvers.nlp.first_plan import LoweredGuess, brought, cost_of, dearer, over, reaches
 from nhpocp.solvers.nlp.guesses import SolverGuess
-from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting
+from nhpocp.solvers.nlp.multiple_shooting import MultipleShooting, _uncertified
 from nhpocp.systems.heisenberg import Heisenberg
 from nhpocp.systems.unicycle import Unicycle
 from tests.conftest import paper_problem
@@ -104,6 +104,16 @@ def test_a_plan_is_handed_back_with_its_own_numbers_and_words(claim):
     assert not {"costates", "optimality", "feasible"} & set(solution.details)
     assert solution.final_error <= solution.tolerance == 1e-6
     assert solution.details["status"] == "Word"
+
+
+def test_where_an_optimizer_stalls_is_a_plan_only_if_steps_follow_it():
+    """One of a car jumped across a pole, to where it was right again, and through an obstacle."""
+    solution = planning.solve(turning(1.0), MultipleShooting(intervals=12, kernels=Interpreted()))
+    assert solution.details["path_error"] <= FOLLOWED
+    stalled = replace(solution, outcome=Outcome.STAGNATED)
+    assert _uncertified([stalled]) is not None
+    jumping = replace(stalled, details={**stalled.details, "path_error": 0.5})
+    assert _uncertified([jumping]) is None
 
 
 def test_what_is_stopped_keeps_the_plan():
