@@ -63,7 +63,10 @@ class NumericSystem:
 
     @cached_property
     def _regularity(self) -> tuple[ca.Function, dict[str, tuple[int, int]]]:
-        return self._function("regularity", self._matrices(tuple(self.system.regularity(self._state))))
+        matrices = self.system.regularity(self._state)
+        return self._function(
+            "regularity", {name: ca.densify(ca.SX(each)) for name, each in matrices.items()}
+        )
 
     @cached_property
     def breaking_function(self) -> ca.Function:

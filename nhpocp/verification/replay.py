@@ -118,7 +118,8 @@ class Watch:
     def __init__(self, system: System, start: Array, vanishing: float) -> None:
         self._vanishing, self._names = vanishing, system.breaking()
         x = ca.SX.sym("x", system.state_space.size)
-        matrices = [ca.densify(system.regularity(x)[name]) for name in self._names]
+        regularity = system.regularity(x) if self._names else {}
+        matrices = [ca.densify(regularity[name]) for name in self._names]
         self._matrices = [FastFunction(ca.Function("matrix", [x], [matrix])) for matrix in matrices]
         self._sign, self._largest = np.sign(self.value(start)), 0.0
 
