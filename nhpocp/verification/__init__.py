@@ -1,4 +1,4 @@
-"""The second opinion: re-integrates a Solution with SciPy and returns a Verdict. Imports neither flow nor solvers."""
+"""The second opinion: re-integrates a Solution by DOP853 and returns a Verdict. Imports neither flow nor solvers."""
 
 from nhpocp.verification.verdicts import verify, verify_many
 

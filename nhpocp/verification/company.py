@@ -1,4 +1,4 @@
-"""Replays of many controls at once: one system of equations, so that SciPy's steps are paid for once.
+"""Replays of many controls at once: one system of equations, so that each step is paid for once.
 
 The steps are those of the whole, short enough for each: the norm of the error is a mean over all numbers, and with 1/√k
 of the tolerance none of k paths may be wrong by more than alone. A path that ends early ends them all; then halves are
