@@ -1,4 +1,4 @@
-"""What a motion costs, integrated along its replay by Gauss and Legendre's rule on the integrator's own steps."""
+"""What a motion costs, integrated along its replay by Gauss and Legendre's rule between the integrator's steps."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from nhpocp.verification.replay import replay
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(4)
 AT_ONCE = 256  # steps
+PARTS = 400  # of the horizon, at least
 
 
 def replayed_costs(problem: PlanningProblem, control: Control) -> dict[str, float] | None:
@@ -26,7 +27,8 @@ def replayed_costs(problem: PlanningProblem, control: Control) -> dict[str, floa
             o for o in available(problem.system) if o.of_motion and not o.lacking_control(control.basis)
         ]
         costs = dict.fromkeys((objective.name for objective in objectives), 0.0)
-        knots = path.times
+        # a rate that is constant is followed in a few steps, on which a cost may have a corner
+        knots = np.union1d(path.times, np.linspace(0.0, path.reached, PARTS + 1))
         for first in range(0, len(knots) - 1, AT_ONCE):
             ends = knots[first : first + AT_ONCE + 1]
             middles, halves = 0.5 * (ends[1:] + ends[:-1]), 0.5 * np.diff(ends)

@@ -37,7 +37,7 @@ from nhpocp.solvers.continuation.geodesic import Geodesic
 from nhpocp.solvers.continuation.merging import Merging
 from nhpocp.solvers.continuation.pieces import joined
 from nhpocp.solvers.continuation.step_rules import Adaptive
-from nhpocp.solvers.continuation.stop_criteria import HalfwayCriteria, StopCriteria
+from nhpocp.solvers.continuation.stop_criteria import HopeCriteria, StopCriteria
 from nhpocp.solvers.route.find_route import lacking
 from nhpocp.solvers.route.wanted import ROUTE, ROUTE_SECONDS, ROUTES
 
@@ -230,7 +230,7 @@ class _Search:
             tried = self.problem if start == 0 else replace(self.problem, initial=None)
             way = own if start == 0 else f"seeded start {start}"
             self.way = own if start == 0 else f"{way} of {numbers[-1]}"
-            yield way, self.attempt(tried, start, HalfwayCriteria)
+            yield way, self.attempt(tried, start, HopeCriteria)
 
     def _remembered(self, result: ContinuationResult) -> ContinuationResult:
         """Itself; the least violation of the bounds near its control is kept, if the search came to rest there."""
