@@ -67,20 +67,14 @@ class _Caller:
 
 def of_many(function: ca.Function, *arguments: Array) -> Array:
     """The first result (k, …) of samples (k, …), for however many: few sizes of maps are made."""
-    count = len(arguments[0])
-    if count <= AT_ONCE:
-        return _at_once(function, arguments, count)
-    cuts = [slice(first, first + AT_ONCE) for first in range(0, count, AT_ONCE)]
-    parts = [tuple(rows[cut] for rows in arguments) for cut in cuts]
-    return np.concatenate([_at_once(function, part, len(part[0])) for part in parts])
-
-
-def _at_once(function: ca.Function, arguments: Sequence[Array], count: int) -> Array:
-    """Of up to `AT_ONCE` samples."""
-    lanes = 1 << (count - 1).bit_length()
-    if lanes > count:
-        arguments = [rows.take(np.arange(lanes), axis=0, mode="clip") for rows in arguments]
-    return lent(side_by_side(function, lanes), *arguments)[0][:count].copy()
+    results = []
+    for first in range(0, len(arguments[0]), AT_ONCE):
+        parts = [rows[first : first + AT_ONCE] for rows in arguments]
+        size = len(parts[0])
+        lanes = np.arange(1 << (size - 1).bit_length())
+        padded = (rows.take(lanes, axis=0, mode="clip") for rows in parts)
+        results.append(call(side_by_side(function, len(lanes)), *padded)[0][:size])
+    return np.concatenate(results)
 
 
 @kept(most=128)  # making a map costs more than calling it

@@ -252,7 +252,7 @@ class PlanningProblem(ByValue, Frozen, Shown):
     @cached_property
     def quantities(self) -> list[tuple[str, Block]]:
         """What a trajectory consists of, as `systems.quantities`."""
-        return quantities(self.system, self.start_point)
+        return quantities(self.system)
 
     def _check_bounds(self, wrong: list[InvalidProblemError]) -> None:
         blocks = {block.name: block for _, block in self.quantities}

@@ -34,8 +34,6 @@ class Clearance(ConstraintKind):
 
 
 def _matrices(system: System) -> list[str]:
-    """Names of the regularity matrices, asked for at a pose where they may be anything."""
-    blocks = system.state_space.blocks
-    somewhere = {b.name: np.eye(3) if b.kind == "rotation" else np.zeros(b.shape) for b in blocks}
+    """Names of the regularity matrices."""
     with np.errstate(all="ignore"):
-        return list(system.regularity(np.asarray(system.state_space.pack(somewhere))))
+        return list(system.regularity(system.somewhere))

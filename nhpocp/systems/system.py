@@ -271,15 +271,22 @@ class System(Frozen, Shown):
         """2 in the plane, 3 in space."""
         return next(iter(self.bodies_somewhere().values())).dimension
 
-    def bodies_somewhere(self) -> dict[str, Hull]:
-        """The bodies at some state, for what no state changes of them."""
+    @property
+    def somewhere(self) -> Array:
+        """A packed state for what is the same at all of them, beside zeros, where a machine may be singular."""
         import numpy as np
 
         aside = np.linspace(0.1, 0.2, self.state_space.dimension)
         blocks = self.state_space.blocks
-        somewhere = {b.name: np.eye(3) if b.kind == "rotation" else np.zeros(b.shape) for b in blocks}
+        zeros = {b.name: np.eye(3) if b.kind == "rotation" else np.zeros(b.shape) for b in blocks}
+        return np.asarray(self.state_space.retract(np.asarray(self.state_space.pack(zeros)), aside))
+
+    def bodies_somewhere(self) -> dict[str, Hull]:
+        """The bodies at some state, for what no state changes of them."""
+        import numpy as np
+
         with np.errstate(all="ignore"):
-            return self.bodies(self.state_space.retract(np.asarray(self.state_space.pack(somewhere)), aside))
+            return self.bodies(self.somewhere)
 
     def quantities(self, state: Array, control: Array) -> dict[str, Array]:
         """`outputs`, and among obstacles the distances of its bodies."""

@@ -15,8 +15,6 @@ from nhpocp.bodies.obstacles import KINDS
 from nhpocp.cli.entry import status
 from nhpocp.problem_file import dump_problem, parse_problem, read_text
 from nhpocp.problem_file.registry import SYSTEMS
-from nhpocp.solvers.continuation.continuation import Continuation
-from nhpocp.solvers.continuation.step_rules import Adaptive
 from nhpocp.views import obstacles as seen
 from tests.conftest import paper_problem
 
@@ -221,7 +219,7 @@ def test_a_pose_in_collision_is_named_before_the_solve():
     assert "the start itself breaks distance[leg 3, capsule 1]" in solution.message
 
 
-LEGS_CROSS = {  # of the direct plan, which minds no distance, legs 2 and 3 overlap on the way
+LEGS_CROSS = {  # of the plan that minds no distance legs 2 and 3 overlap on the way
     "position": [-0.334619, 14.660861, 34.244102],
     "orientation": {
         "matrix": [
@@ -237,7 +235,7 @@ def test_legs_that_would_collide_on_the_way_are_led_around_each_other():
     robot = nhpocp.ThreeUPU(leg_radius=1.5)
     start = {"position": [0, 0, 25], "orientation": {"rpy": [0, 0, -np.pi / 6]}}
     free = nhpocp.PlanningProblem(system=robot, start=start, goal=LEGS_CROSS, pictures=False)
-    plan = nhpocp.solve(free, Continuation(step_rule=Adaptive()))
+    plan = nhpocp.solve(free)
     assert plan.converged
     bounded = free.with_(bounds={"distance": 0.5})
     blind = nhpocp.verify(replace(plan, problem=bounded))

@@ -37,7 +37,6 @@ from nhpocp.solvers.continuation.geodesic import Geodesic
 from nhpocp.solvers.continuation.merging import Merging
 from nhpocp.solvers.continuation.pieces import joined
 from nhpocp.solvers.continuation.step_rules import Adaptive
-from nhpocp.solvers.continuation.stop_criteria import HopeCriteria, StopCriteria
 from nhpocp.solvers.route.find_route import lacking
 from nhpocp.solvers.route.wanted import ROUTE, ROUTE_SECONDS, ROUTES
 
@@ -230,7 +229,7 @@ class _Search:
             tried = self.problem if start == 0 else replace(self.problem, initial=None)
             way = own if start == 0 else f"seeded start {start}"
             self.way = own if start == 0 else f"{way} of {numbers[-1]}"
-            yield way, self.attempt(tried, start, HopeCriteria)
+            yield way, self.attempt(tried, start)
 
     def _remembered(self, result: ContinuationResult) -> ContinuationResult:
         """Itself; the least violation of the bounds near its control is kept, if the search came to rest there."""
@@ -269,13 +268,10 @@ class _Search:
         self.given_up = len(self.records) > BUDGET
         return not self.given_up
 
-    def attempt(
-        self, problem: PlanningProblem, seed: int, criteria: type[StopCriteria] = StopCriteria
-    ) -> ContinuationResult:
+    def attempt(self, problem: PlanningProblem, seed: int) -> ContinuationResult:
         """The continuation to the goal alone, given up soon; converged only if confirmed."""
         limit = min(self.base.max_iterations, EVALUATIONS)
         solver = replace(self.base, objective="none", max_iterations=limit, seed=self.base.seed + seed)
-        solver = replace(solver, criteria=criteria)
         return self._solve(solver, replace(problem, bounds=()) if problem.bounds else problem)
 
     def finished(self, first: ContinuationResult, solver: Continuation) -> ContinuationResult:

@@ -47,8 +47,7 @@ class Continuation(Constructed):
     step_rule: `Adaptive()`, `Euler(gamma)` as in (17), `Ode(gamma)`, or your own `StepRule`. inverse: `MoorePenrose()`,
     `Damped()`, `Transpose()` or `Lagrangian()`. metric: the size of a control, `CoefficientMetric()` or `L2Metric()`.
     integrator: `RungeKutta4(steps)`, `CasadiRungeKutta(steps)` or `Cvodes()`. sensitivity: makes the end-point map; the
-    default differentiates the integrator, `VariationalEndPointMap` integrates (11)-(12). criteria: the class of what
-    ends it, `StopCriteria`.
+    default differentiates the integrator, `VariationalEndPointMap` integrates (11)-(12).
     """
 
     step_rule: StepRule = field(default_factory=Euler)
@@ -66,7 +65,6 @@ class Continuation(Constructed):
         "what motion in the null space of J minimises, or none",
     )
     seed: int = declared.whole(0, "of everything random")
-    criteria: type[StopCriteria] = StopCriteria
     name: ClassVar[str] = "jacobian"
 
     def __post_init__(self) -> None:
@@ -119,7 +117,7 @@ class _Loop:
         rule, tolerance = solver.step_rule, solver.tolerance
         self.budget = Budget(1 + solver.max_iterations * rule.evaluations)
         self.evaluate = RecordedEvaluator(evaluator, self.budget, rule, tolerance, progress, updates)
-        self.criteria = solver.criteria(tolerance, sum(task.size for task in problem.tasks), self.budget)
+        self.criteria = StopCriteria(tolerance, sum(task.size for task in problem.tasks), self.budget)
         self.details: dict[str, Any] = {}
         self.build_seconds = perf_counter() - began
 

@@ -19,9 +19,6 @@ from nhpocp.solvers.continuation.trust_region import Number
 DIVERGED_ABOVE = 1e3  # times (1 + the first error): far outside any workspace
 STAGNATION_WINDOW = 50  # updates
 STAGNATION_FRACTION = 0.01  # of the decay that the step sizes predict
-# evaluations after which a try is given up where E has not come down to that part of its first value: of 143 seeded
-# starts that led to goals, of `default` and of random robots, one had not; a sixth of the others' evaluations is saved
-LATE, HOPE = 20, 0.1
 
 
 def below_tolerance(error: Number, tolerance: float) -> Number:
@@ -102,20 +99,3 @@ class StopCriteria:
             return None
         sentence = f"E = {best:.3g} at best, and no better over the last {STAGNATION_WINDOW} updates"
         return Ending(Outcome.STAGNATED, sentence)
-
-
-@dataclass(frozen=True)
-class HopeCriteria(StopCriteria):
-    """Of one try among several: given up too where little has come of it."""
-
-    def ending(self, here: Evaluation, accepted: Sequence[Mapping[str, Any]], updates: int) -> Ending | None:
-        return super().ending(here, accepted, updates) or self._hopeless(accepted)
-
-    def _hopeless(self, accepted: Sequence[Mapping[str, Any]]) -> Ending | None:
-        first, best = accepted[0]["error"], min(record["error"] for record in accepted)
-        if self.budget.taken < LATE or best <= HOPE * first:
-            return None
-        sentence = (
-            f"E = {best:.3g} at best after {self.budget.taken} evaluations, from {first:.3g} at the start"
-        )
-        return Ending(Outcome.ITERATION_LIMIT, sentence)

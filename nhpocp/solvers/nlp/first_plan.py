@@ -48,8 +48,7 @@ def brought(plan: Solution, tolerance: float) -> Solution:
     found = _search(plan.problem, plan.control, NEARER * tolerance)
     if found.outcome is not Outcome.CONVERGED:
         return plan
-    evaluations = plan.evaluations + len(found.records)
-    return replace(_made(plan, found), tolerance=tolerance, evaluations=evaluations)
+    return replace(_made(plan, found, tolerance), evaluations=plan.evaluations + len(found.records))
 
 
 def over(problem: PlanningProblem, control: Control, basis: ControlBasis, tolerance: float) -> Control | None:
@@ -102,13 +101,14 @@ def _search(
     return confirmed(solver, begun_from(problem, control))
 
 
-def _made(plan: Solution, found: ContinuationResult) -> Solution:
-    """A plan with what a search found in the place of its control."""
+def _made(plan: Solution, found: ContinuationResult, tolerance: float) -> Solution:
+    """A plan with what a search to a tolerance found in the place of its control."""
     motion = simulate(plan.problem, found.control)
     return replace(
         plan,
         outcome=found.outcome,
         message=f"{found.message}.",
+        tolerance=tolerance,
         final_error=found.error,
         control=found.control,
         trajectory=motion.trajectory,
@@ -167,10 +167,10 @@ class LoweredGuess:
                 break
             control, before = ended.control, cost
         for ended in found:  # the last may be too wild to be brought nearer
-            lowered = _made(plan, _search(plan.problem, ended.control, NEARER * self.tolerance))
+            nearer = _search(plan.problem, ended.control, NEARER * self.tolerance)
+            lowered = _made(plan, nearer, self.tolerance)
             if reaches(lowered, self.tolerance):
-                details = {TOWARDS: ended.details.get(TOWARDS, [])}
-                return [replace(lowered, tolerance=self.tolerance, details=details)]
+                return [replace(lowered, details={TOWARDS: ended.details.get(TOWARDS, [])})]
         return []
 
     @property
@@ -197,7 +197,8 @@ class LoweredGuess:
             return None
         if _too_many(self.plan, ended.control):
             return None
-        found = _made(self.plan, _search(held, ended.control, NEARER * self.tolerance, UPDATES))
+        corrected = _search(held, ended.control, NEARER * self.tolerance, UPDATES)
+        found = _made(self.plan, corrected, self.tolerance)
         if not reaches(found, self.tolerance):
             return None
         guess = replace(self, plan=found, kind="where the NLP ended, corrected, at less cost")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from itertools import accumulate, pairwise
+from itertools import pairwise
 
 import numpy as np
 
@@ -29,17 +29,12 @@ def eased(route: Route, random: np.random.Generator) -> Route:
             break
         idle += 1
         first, way, last = _straight(route, random) if number % 2 else _beside(route, random)
-        allowed = GAIN * route.manoeuvres(first, last)
-        if _takes_less(route, way, allowed) and all(route.poses.valid(*ends) for ends in pairwise(way)):
+        takes = sum(route.poses.manoeuvres(*ends) for ends in pairwise(way))
+        if takes < GAIN * route.manoeuvres(first, last) and all(
+            route.poses.valid(*ends) for ends in pairwise(way)
+        ):
             route, idle = route.by(first, way, last), 0
     return route
-
-
-def _takes_less(route: Route, way: list[Array], allowed: float) -> bool:
-    """Whether a way takes fewer manoeuvres; what comes after too many is not looked at."""
-    return all(
-        takes < allowed for takes in accumulate(route.poses.manoeuvres(*ends) for ends in pairwise(way))
-    )
 
 
 def _straight(route: Route, random: np.random.Generator) -> tuple[float, list[Array], float]:

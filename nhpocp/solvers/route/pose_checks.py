@@ -75,9 +75,8 @@ class OnOneSide(PoseCheck):
         else:
             size = int(np.sqrt(numbers.shape[1]))
             matrices = numbers.reshape(-1, size, size)
-            if not np.isfinite(numbers).all():
-                finite = np.isfinite(matrices).all(axis=(1, 2))
-                matrices = np.where(finite[:, None, None], matrices, 0.0)
+            finite = np.isfinite(matrices).all(axis=(1, 2))
+            matrices = np.where(finite[:, None, None], matrices, 0.0)
             signed = np.sign(np.linalg.det(matrices)) * svd(matrices, compute_uv=False)[:, -1]
         return np.where(np.isfinite(signed), self.sign * signed, 0.0) - self.least
 
@@ -211,8 +210,8 @@ class PoseChecks:
 
     def between(self, here: Array, tangent: Array, fractions: Array) -> Array:
         """Poses (k, size) along a tangent from one of them."""
-        ends = [np.broadcast_to(numbers, (len(fractions), len(numbers))) for numbers in (here, tangent)]
-        return of_many(self._between, *ends, fractions[:, None])
+        k = len(fractions)
+        return of_many(self._between, np.tile(here, (k, 1)), np.tile(tangent, (k, 1)), fractions[:, None])
 
     def refuse(self, slacks: Array) -> bool:
         """Whether one of the poses with these slacks (k, checks) is not valid; what says so is counted."""

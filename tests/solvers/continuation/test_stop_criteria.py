@@ -10,10 +10,9 @@ from nhpocp.solvers.budget import Budget
 from nhpocp.solvers.continuation import auto
 from nhpocp.solvers.continuation.auto import Auto
 from nhpocp.solvers.continuation.continuation import Continuation
-from nhpocp.solvers.continuation.ending import Ending
 from nhpocp.solvers.continuation.singularity_crossings import keeps_sign
 from nhpocp.solvers.continuation.step_rules import Adaptive, Euler, Ode, StepRule, full_step
-from nhpocp.solvers.continuation.stop_criteria import LATE, HopeCriteria, StopCriteria, below_tolerance, lost
+from nhpocp.solvers.continuation.stop_criteria import below_tolerance, lost
 from tests.conftest import PAPER_START, paper_problem
 
 
@@ -101,25 +100,3 @@ def test_a_loop_without_a_further_step_names_the_error_of_its_control():
     result = solver.find(replace(paper_problem(), initial=PAPER_START))
     assert result.outcome is Outcome.STAGNATED
     assert result.message.startswith(f"E = {result.error:.3g}")
-
-
-@pytest.mark.parametrize(("best", "hopeless"), [(0.5, True), (0.05, False)])
-def test_a_try_is_given_up_late_where_little_has_come_of_it(best, hopeless):
-    """And not before: what reaches a goal often does so in its last evaluations."""
-    budget = Budget(25)
-    criteria = HopeCriteria(1e-3, 6, budget)
-    errors = [{"error": 1.0, "gamma": 1.0}, {"error": best, "gamma": 1.0}, {"error": 0.9, "gamma": 1.0}]
-    for taken in range(1, 25):
-        budget.take()
-        ending = criteria._hopeless(errors)
-        assert (ending is not None) == (hopeless and taken >= LATE)
-    assert ending is None or ending.outcome is Outcome.ITERATION_LIMIT
-
-
-def test_the_class_of_what_ends_a_continuation_is_passed_in():
-    class Once(StopCriteria):
-        def ending(self, here, accepted, updates):
-            return Ending(Outcome.STAGNATED, "Enough.")
-
-    result = Continuation(criteria=Once).find(paper_problem(), None)
-    assert (result.outcome, result.message, result.updates) == (Outcome.STAGNATED, "Enough.", 0)

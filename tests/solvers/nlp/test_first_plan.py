@@ -200,6 +200,19 @@ def test_what_costs_less_is_still_a_plan():
     assert guess.evaluations > 0
 
 
+def test_what_is_found_from_a_loose_plan_is_as_near_as_the_nlp_asks(monkeypatch):
+    """And says so: it is told apart from a plan that could not be brought nearer."""
+    wasteful = [[0, 0, 1, 0, 1.5], [0, 1, 0, 1.5, 0]]
+    plan = ADAPTIVE.solve(replace(turning(1.0), initial=wasteful))
+    guess = LoweredGuess(plan, PiecewiseConstant(20), 1e-6)
+    assert plan.tolerance == 1e-3
+    assert dearer(plan, guess.least)
+    assert guess.least.tolerance == 1e-6
+    monkeypatch.setattr(LoweredGuess, "_lowered", lambda guess, control: [])
+    mended = LoweredGuess(plan, PiecewiseConstant(20), 1e-6).mended(CHEAP.solve(turning(1.0)))
+    assert mended.plan.tolerance == 1e-6
+
+
 def test_no_search_is_begun_that_takes_in_too_many_rows():
     """Of many pieces among obstacles: SLSQP would take minutes to a step. The plan is kept as it is."""
     bounds = [Bound("control", name, -9.0, 9.0) for name in ("u1", "u2")]
