@@ -22,9 +22,8 @@ TO_COEFFICIENTS = np.linalg.inv(chebvander(NODES, DEGREE))
 INTERPOLATED = chebvander(PROBES, DEGREE) @ TO_COEFFICIENTS
 ROUNDING = 1e-13  # of the largest value on the piece
 
-Inputs = Callable[
-    [Array], Array
-]  # t (k,) ↦ u (k, inputs) on one piece, with the limits from inside at either end
+# t (k,) ↦ u (k, inputs) on one piece, with the limits from inside at either end
+Inputs = Callable[[Array], Array]
 
 
 @dataclass(frozen=True)
