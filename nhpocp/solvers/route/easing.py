@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
+from itertools import accumulate, pairwise
 
 import numpy as np
 
 from nhpocp.arrays import Array
-from nhpocp.solvers.route.route import Route
+from nhpocp.solvers.route.route import Poses, Route
 
 TRIES = 300
 IDLE = 60  # in succession, that change nothing, before no more are made
@@ -29,12 +29,15 @@ def eased(route: Route, random: np.random.Generator) -> Route:
             break
         idle += 1
         first, way, last = _straight(route, random) if number % 2 else _beside(route, random)
-        takes = sum(route.poses.manoeuvres(*ends) for ends in pairwise(way))
-        if takes < GAIN * route.manoeuvres(first, last) and all(
-            route.poses.valid(*ends) for ends in pairwise(way)
-        ):
+        if _takes_less(route.poses, way, GAIN * route.manoeuvres(first, last)):
             route, idle = route.by(first, way, last), 0
     return route
+
+
+def _takes_less(poses: Poses, way: list[Array], most: float) -> bool:
+    """Whether a way takes fewer manoeuvres than that, and is valid; the rest of one that is too long is not looked at."""
+    takes = accumulate(poses.manoeuvres(*ends) for ends in pairwise(way))
+    return all(count < most for count in takes) and all(poses.valid(*ends) for ends in pairwise(way))
 
 
 def _straight(route: Route, random: np.random.Generator) -> tuple[float, list[Array], float]:

@@ -57,14 +57,13 @@ class Poses:
         return bool(np.isfinite(size)) and free(self.checks, here, tangent, size)
 
     def free(self, here: Array, there: Array) -> bool:
-        """Whether it is valid, and not too laborious."""
-        if not self.valid(here, there):
-            return False
+        """Whether it is valid, and not too laborious; what most are refused for is asked first."""
         size = self.tangent(there, here)[1]
-        return self.most == np.inf or self.manoeuvres(here, there) <= (self.most + LEAST) * size
+        bearable = self.most == np.inf or self.manoeuvres(here, there) <= (self.most + LEAST) * size
+        return bearable and self.valid(here, there)
 
     def manoeuvres(self, here: Array, there: Array) -> float:
-        """How many the straight motion takes, about; infinite where it would be a half turn."""
+        """How many the straight motion takes, about; infinite where it would be a half turn or is seen not to be valid."""
         key = here.tobytes(), there.tobytes()
         if key not in self._measured:
             tangent, size = self.tangent(there, here)
@@ -79,7 +78,10 @@ class Poses:
         """
         count = 2 + int(size / APART)
         poses = self.checks.between(here, tangent, (np.arange(count) + 0.5) / count)
-        room = np.clip(self.checks.slacks(poses).min(axis=1, initial=WIDE), NARROW, WIDE)
+        slacks = self.checks.slacks(poses)
+        if self.checks.refuse(slacks):
+            return np.inf
+        room = np.clip(slacks.min(axis=1, initial=WIDE), NARROW, WIDE)
         areas = self.loops.areas(poses, tangent / size) if self.loops else np.ones(count)
         return float((np.minimum(areas, STEEPEST) / (np.pi * room**2)).mean())
 
