@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -72,9 +72,22 @@ def corrected(
 
     Errors: Ctrl-C's.
     """
+    each = arriving(solver, part, starts, evaluations, interruption)
+    return sorted((control for controls in each for control in controls), key=_effort)
+
+
+def arriving(
+    solver: Continuation,
+    part: PlanningProblem,
+    starts: Sequence[Array],
+    evaluations: int,
+    interruption: Interruption,
+) -> Iterator[list[Control]]:
+    """Likewise, as they come: those that each evaluation adds."""
     method = Method(solver, Adaptive(), MoorePenrose())
-    plans = Lockstep(method, [part] * len(starts), interruption).plans(Budget(evaluations), np.array(starts))
-    return sorted((Control(part.basis, plan.coefficients) for plan in plans.values()), key=_effort)
+    search = Lockstep(method, [part] * len(starts), interruption)
+    for plans in search.arrivals(Budget(evaluations), np.array(starts)):
+        yield sorted((Control(part.basis, plan.coefficients) for plan in plans.values()), key=_effort)
 
 
 def _effort(control: Control) -> float:

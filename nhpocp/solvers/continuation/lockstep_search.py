@@ -5,7 +5,7 @@ The formulas are the loop's own: `Adaptive`'s trust region, `MoorePenrose`, the 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import NamedTuple
@@ -136,21 +136,24 @@ class Lockstep:
         self.numeric = numeric_system(problem.system)
 
     def plans(self, budget: Budget, starts: Array | None = None) -> dict[int, Reached]:
-        """What was reached within a budget of evaluations a goal, by the goals' places.
+        """All `arrivals`."""
+        return {goal: plan for arrived in self.arrivals(budget, starts) for goal, plan in arrived.items()}
+
+    def arrivals(self, budget: Budget, starts: Array | None = None) -> Iterator[dict[int, Reached]]:
+        """What was reached by each of a budget of evaluations a goal, by the goals' places.
 
         starts: Λ₀ of each (k, inputs, size); None: the problem's own for all. Errors: Ctrl-C's.
         """
         first_coefficients = (
             np.ravel(self.problem.initial)[None] if starts is None else starts.reshape(self.count, -1)
         )
-        plans: dict[int, Reached] = {}
         budget.take()
         here = self._evaluated(np.arange(self.count), first_coefficients)
         first, updates = here.error.copy(), np.zeros(self.count, dtype=int)
         region = self.rule.region(lengths(self.coordinates.of(here.coefficients)))
         while True:
             arrived = below_tolerance(here.error, self.solver.tolerance)
-            self._keep(plans, here.of(arrived & here.usable), updates, budget)
+            yield self._kept(here.of(arrived & here.usable), updates, budget)
             going = here.usable & ~arrived & ~lost(here.error, first[here.goal]) & region.open
             here, region = here.of(going), region.of(going)
             direction = self._direction(here)
@@ -158,7 +161,7 @@ class Lockstep:
             fit = step.worthwhile & ~direction.blocked
             here, region, step = here.of(fit), region.of(fit), step.of(fit)
             if not len(here.goal) or not budget.take():
-                return plans
+                return
             self.interruption.check()
             trial = self._evaluated(here.goal, here.coefficients + step.change)
             gain = gain_ratio(trial, step)
@@ -166,10 +169,14 @@ class Lockstep:
             updates[here.goal] += gain > LEAST_GAIN
             here = here.moved(gain > LEAST_GAIN, trial)
 
-    def _keep(self, plans: dict[int, Reached], arrived: Evaluations, updates: Array, budget: Budget) -> None:
-        for goal, coefficients, error in zip(arrived.goal, arrived.coefficients, arrived.error, strict=True):
-            shaped = coefficients.reshape(self._shape)
-            plans[int(goal)] = Reached(shaped, float(error), int(updates[goal]), budget.taken)
+    def _kept(self, arrived: Evaluations, updates: Array, budget: Budget) -> dict[int, Reached]:
+        each = zip(arrived.goal, arrived.coefficients, arrived.error, strict=True)
+        return {
+            int(goal): Reached(
+                coefficients.reshape(self._shape), float(error), int(updates[goal]), budget.taken
+            )
+            for goal, coefficients, error in each
+        }
 
     def confirmed(self, plans: dict[int, Reached]) -> dict[int, Reached]:
         """Those whose controls a simulation with finer steps leads to their goals."""

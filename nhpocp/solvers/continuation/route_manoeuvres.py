@@ -19,7 +19,7 @@ from nhpocp.problem import PlanningProblem
 from nhpocp.solvers.continuation.bracket_loops import BracketLoops
 from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.delicate_chain import end_by_start
-from nhpocp.solvers.continuation.direct_controls import corrected
+from nhpocp.solvers.continuation.direct_controls import arriving, corrected
 from nhpocp.solvers.continuation.initial_control import drawn
 from nhpocp.solvers.route.edges import clear
 from nhpocp.solvers.route.loops import Loops
@@ -182,7 +182,7 @@ class RouteManoeuvres:
         if self._last is None:
             return False
         part = replace(self._part, start=self._values(self.here))
-        found, self._last = self._best(part, [self._last], MANY, interruption), None
+        found, self._last = self._first(part, [self._last], interruption), None
         return found
 
     def _detour(self) -> bool:
@@ -211,18 +211,22 @@ class RouteManoeuvres:
         part = replace(self._part, start=self._values(self.here), goal=self._values(there))
         displacement, _ = self.route.poses.tangent(there, self.here)
         starts = self._loops.seeds(self.here, displacement)
-        found = self._best(part, starts, FEW, interruption)
-        if not found and reach - self.walked < SHORT:
-            starts = [drawn(part, self._random, WIDTHS[seed % len(WIDTHS)]) for seed in range(SEEDS)]
-            found = self._best(part, starts, MANY, interruption)
-        return found
+        if self._best(corrected(self._solver, part, starts, FEW, interruption)):
+            return True
+        if reach - self.walked >= SHORT:
+            return False
+        starts = [drawn(part, self._random, WIDTHS[seed % len(WIDTHS)]) for seed in range(SEEDS)]
+        return self._first(part, starts, interruption)
 
-    def _best(
-        self, part: PlanningProblem, starts: list[Array], evaluations: int, interruption: Interruption
-    ) -> bool:
-        """Takes it of what these starts lead to, each with so many evaluations at most."""
+    def _first(self, part: PlanningProblem, starts: list[Array], interruption: Interruption) -> bool:
+        """Takes what these starts lead to first, the best of several; the last of them take three times as long."""
+        each = arriving(self._solver, part, starts, MANY, interruption)
+        return any(self._best(controls) for controls in each)
+
+    def _best(self, controls: list[Control]) -> bool:
+        """Takes the best of these, the cheapest first, if any is clear."""
         choice, clear_ones = self._choice, list[tuple[Control, Array, Array]]()
-        for control in corrected(self._solver, part, starts, evaluations, interruption):
+        for control in controls:
             if clear_ones and (
                 len(clear_ones) == choice.most or control.effort > choice.dearer * clear_ones[0][0].effort
             ):

@@ -35,7 +35,7 @@ def eased(route: Route, random: np.random.Generator) -> Route:
 
 
 def _takes_less(poses: Poses, way: list[Array], most: float) -> bool:
-    """Whether a way takes fewer manoeuvres than that, and is valid; the rest of one that is too long is not looked at."""
+    """Whether a way takes fewer manoeuvres than that, and is valid; of one that takes more no more is looked at."""
     takes = accumulate(poses.manoeuvres(*ends) for ends in pairwise(way))
     return all(count < most for count in takes) and all(poses.valid(*ends) for ends in pairwise(way))
 

@@ -8,7 +8,7 @@ from nhpocp.arrays import Array
 from nhpocp.solvers.route.pose_checks import PoseChecks
 
 STEP = 0.1  # of the pose's scales, about 6 degrees: between the first samples
-MOST = 20_000  # first samples: what is longer is not looked at
+FARTHEST = 2000.0  # in units of the scales: what is longer is not looked at
 HALVINGS = 7  # of that step, before a pose that might be invalid counts as one
 STEEPER = 2.0  # times as steep as the samples around: how a slack may fall between two of them
 
@@ -19,7 +19,7 @@ def free(checks: PoseChecks, here: Array, tangent: Array, size: float) -> bool:
     A slack that changes by d between neighbours is taken to be no steeper than `STEEPER` d on the way, and may then not
     reach zero; where it might, poses between are looked at, ever closer. So steps are small only near what refuses.
     """
-    if not size < MOST * STEP:
+    if not size < FARTHEST:
         return False
     fractions = np.linspace(0.0, 1.0, 2 + int(size / STEP))
     slacks = checks.slacks(checks.between(here, tangent, fractions))

@@ -11,7 +11,7 @@ import numpy as np
 
 from nhpocp.arrays import Array
 from nhpocp.problem import PlanningProblem
-from nhpocp.solvers.route.edges import free
+from nhpocp.solvers.route.edges import FARTHEST, free
 from nhpocp.solvers.route.loops import Loops
 from nhpocp.solvers.route.pose_checks import PoseChecks
 
@@ -38,7 +38,7 @@ class Poses:
         self._measured: dict[tuple[bytes, bytes], float] = {}
 
     def tangent(self, there: Array, here: Array) -> tuple[Array, float]:
-        """From one pose to another, and how long that is; infinite where it would be a half turn."""
+        """From one pose to another, and how long that is; infinite where nobody looks: a half turn, or farther off."""
         key = there.tobytes(), here.tobytes()
         if key not in self._tangents:  # one edge is asked for several times
             self._tangents[key] = self._measure(there, here)
@@ -46,15 +46,14 @@ class Poses:
 
     def _measure(self, there: Array, here: Array) -> tuple[Array, float]:
         tangent = self.checks.difference(there, here)
-        far = not np.isfinite(tangent).all() or any(
-            np.linalg.norm(tangent[turn]) > LONGEST for turn in self._turns
-        )
-        return tangent, np.inf if far else float(np.linalg.norm(tangent / self.scales))
+        size = float(np.linalg.norm(tangent / self.scales))
+        turned = any(np.linalg.norm(tangent[turn]) > LONGEST for turn in self._turns)
+        return tangent, size if size < FARTHEST and not turned else np.inf
 
     def valid(self, here: Array, there: Array) -> bool:
         """Whether the straight motion from one pose to another is valid."""
         tangent, size = self.tangent(there, here)
-        return bool(np.isfinite(size)) and free(self.checks, here, tangent, size)
+        return free(self.checks, here, tangent, size)
 
     def free(self, here: Array, there: Array) -> bool:
         """Whether it is valid, and not too laborious; what most are refused for is asked first."""
@@ -63,7 +62,7 @@ class Poses:
         return bearable and self.valid(here, there)
 
     def manoeuvres(self, here: Array, there: Array) -> float:
-        """How many the straight motion takes, about; infinite where it would be a half turn or is seen not to be valid."""
+        """How many the straight motion takes, about; infinite where it is seen not to be valid."""
         key = here.tobytes(), there.tobytes()
         if key not in self._measured:
             tangent, size = self.tangent(there, here)
