@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from functools import cached_property
 from typing import Any
 
@@ -63,21 +63,25 @@ class NumericSystem:
 
     @cached_property
     def _regularity(self) -> tuple[ca.Function, dict[str, tuple[int, int]]]:
-        matrices = self.system.regularity(self._state)
-        return self._function(
-            "regularity", {name: ca.densify(ca.SX(each)) for name, each in matrices.items()}
-        )
+        return self._function("regularity", self.matrices(self._state))
 
     @cached_property
     def breaking_function(self) -> ca.Function:
         """x ↦ what `breaking` makes determinants of, a column: those of small matrices, the entries of others."""
-        matrices = self._matrices(self.system.breaking()).values()
+        matrices = [self.matrices(self._state)[name] for name in self.system.breaking()]
         columns = [ca.det(m) if m.size1() <= EXPANDED else ca.vec(m.T) for m in matrices]
         return ca.Function("breaking", [self._state], ca.cse([ca.densify(ca.vertcat(ca.SX(0, 1), *columns))]))
 
-    def _matrices(self, names: Sequence[str]) -> dict[str, ca.SX]:
-        matrices = self.system.regularity(self._state)
-        return {name: ca.densify(ca.SX(matrices[name])) for name in names}
+    def matrices(self, state: ca.SX) -> dict[str, ca.SX]:
+        """The regularity matrices at a packed symbolic state, dense, by name: written out once, whoever asks."""
+        names, function = self._matrices
+        return dict(zip(names, function.call([state]), strict=True))
+
+    @cached_property
+    def _matrices(self) -> tuple[list[str], ca.Function]:
+        written = self.system.regularity(self._state)
+        dense = [ca.densify(ca.SX(matrix)) for matrix in written.values()]
+        return list(written), ca.Function("matrices", [self._state], dense)
 
     def outputs(self, states: Array, controls: Array) -> dict[str, Array]:
         """The system's outputs at samples: states (k, n), controls (k, m) → (k, …) each."""
@@ -133,7 +137,7 @@ class NumericSystem:
 
     @cached_property
     def _breaking_sizes(self) -> dict[str, int]:
-        return {name: m.size1() for name, m in self._matrices(self.system.breaking()).items()}
+        return {name: self.matrices(self._state)[name].size1() for name in self.system.breaking()}
 
     def sigmas(self, states: Array, length_scale: float) -> dict[str, Array]:
         """The least singular value of every regularity matrix at samples, rotations divided by a length, (k,) each."""

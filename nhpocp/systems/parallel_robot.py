@@ -271,9 +271,8 @@ class ParallelRobot(System):
         return xp.solve(matrix, xp.block([[-change, xp.eye(dimension)[:, : self.motors]]]))
 
     def vector_fields(self, state: Array) -> Array:
-        xp, inputs = namespace(state), self.input_space.size
-        axes = [xp.array([float(k == i) for k in range(inputs)]) for i in range(inputs)]
-        return xp.rows([self.velocity(state, axis) for axis in axes]).T
+        xp, dimension = namespace(state), self.state_space.dimension
+        return xp.solve(self.matrix(state), xp.eye(dimension)[:, : self.motors])
 
     def invariants(self, state: Array) -> dict[str, tuple[Array, float | None]]:
         held: dict[str, tuple[Array, float | None]] = {}

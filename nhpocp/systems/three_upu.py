@@ -161,6 +161,13 @@ class ThreeUPU(ParallelRobot):
         xp = namespace(state, control)  # [Paper] eq. (7)
         return xp.concatenate([self.translation(state, control), -control])
 
+    def vector_fields(self, state: Array) -> Array:
+        if self.form == "original":
+            return super().vector_fields(state)
+        xp, rows = namespace(state), self.rows(state)[1]
+        j = xp.rows([row.of_omega for row in rows])
+        return xp.block([[solve_3x3([row.of_p for row in rows], j)], [-xp.eye(3)]])
+
     def linearised(self, state: Array, control: Array) -> Array:
         if self.form == "original":
             return super().linearised(state, control)

@@ -64,7 +64,7 @@ class OnOneSide(PoseCheck):
         return f"{least} on the start's side of det {det(self.matrix).letter} = 0"
 
     def expression(self, state: ca.SX) -> ca.SX:
-        matrix = ca.SX(self.system.regularity(state)[self.matrix])
+        matrix = numeric_system(self.system).matrices(state)[self.matrix]
         scales = self.system.column_scales(self.matrix, self.length_scale) or [1.0] * matrix.size2()
         scaled = matrix @ ca.diag(1.0 / ca.DM(scales))
         return signed_least(scaled) if scaled.shape == (3, 3) else ca.vec(scaled.T)
