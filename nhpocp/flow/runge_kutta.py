@@ -304,17 +304,20 @@ class _Packed:
     def __init__(self, matrix: ca.SX) -> None:
         matrix = ca.cse(ca.sparsify(matrix))
         self._pattern = matrix.sparsity()
-        self._entries: list[tuple[int | None, float]] = []  # place and sign, or no place and the constant
+        self._constants = ca.DM.zeros(matrix.nnz())
+        self._rows, self._places, self._signs = list[int](), list[int](), list[float]()  # of other entries
         seen: dict[int, tuple[int, Any]] = {}
         entry: Any
-        for entry in matrix.nonzeros():
+        for row, entry in enumerate(matrix.nonzeros()):
             if entry.is_constant():
-                self._entries.append((None, float(entry)))
+                self._constants[row] = float(entry)
                 continue
             negative = entry.is_op(ca.OP_NEG)
             entry = entry.dep(0) if negative else entry
             place, _ = seen.setdefault(entry.element_hash(), (len(seen), entry))
-            self._entries.append((place, -1.0 if negative else 1.0))
+            self._rows.append(row)
+            self._places.append(place)
+            self._signs.append(-1.0 if negative else 1.0)
         self.numbers = ca.vertcat(ca.SX(0, 1), *[entry for _, entry in seen.values()])
 
     def of(self, stages: int) -> tuple[ca.SX, list[ca.SX]]:
@@ -323,5 +326,7 @@ class _Packed:
         return tape, [self._unpacked(tape[:, stage]) for stage in range(stages)]
 
     def _unpacked(self, numbers: ca.SX) -> ca.SX:
-        entries = [factor if place is None else factor * numbers[place] for place, factor in self._entries]
-        return ca.SX(self._pattern, ca.vertcat(ca.SX(0, 1), *entries))
+        entries = ca.SX(self._constants)
+        if self._rows:
+            entries[self._rows] = ca.DM(self._signs) * numbers[self._places]
+        return ca.SX(self._pattern, entries)

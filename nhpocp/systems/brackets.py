@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import product
 
 import casadi as ca
@@ -69,10 +70,20 @@ def bracket(space: StateSpace, x: ca.SX, first: ca.SX, second: ca.SX) -> ca.SX:
 
 @dataclass(frozen=True)
 class Layer:
-    """The brackets of one degree that do not vanish identically: their words and a Function x ↦ dimension × words."""
+    """The brackets of one degree that do not vanish identically.
+
+    words: theirs. values: dimension × words, of the packed point x.
+    """
 
     words: list[Word]
-    function: ca.Function
+    x: ca.SX
+    values: ca.SX
+
+    @cached_property
+    def function(self) -> ca.Function:
+        """x ↦ the values."""
+        (values,) = ca.cse([self.values])
+        return ca.Function("brackets", [self.x], [values], ["x"], ["values"])
 
     def at(self, points: Array) -> Array:
         """Values at points (k, size), (k, dimension, words)."""
@@ -118,9 +129,7 @@ class LieAlgebra:
         return bool(fresh)
 
     def _layer(self, words: list[Word]) -> Layer:
-        values = ca.horzcat(*[self._fields[word] for word in words])
-        (values,) = ca.cse([ca.densify(values)])
-        return Layer(words, ca.Function("brackets", [self._x], [values], ["x"], ["values"]))
+        return Layer(words, self._x, ca.densify(ca.horzcat(*[self._fields[word] for word in words])))
 
 
 class TooLargeError(ArithmeticError):

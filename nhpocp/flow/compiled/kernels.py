@@ -111,7 +111,7 @@ class CompiledWhenReady(Kernels):
     patience: in seconds [time of the clock]. Raises nothing: what cannot be compiled is evaluated by CasADi.
     """
 
-    patience: float = 0.07
+    patience: float = 0.04
 
     def for_long_work(self) -> Kernels:
         return self if os.environ.get("NHPOCP_COMPILE") == "never" else Compiled()

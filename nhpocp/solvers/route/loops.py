@@ -38,10 +38,9 @@ class Loops:
             if word.parts
         ]
         factors = [*self._inputs, *(self._inputs[i] * self._inputs[j] for i, j in self._pairs)]
-        pose = ca.SX.sym("x", problem.system.state_space.size)
-        columns = ca.horzcat(*(layer.function(pose) for layer in layers)) @ ca.diag(ca.DM(factors))
+        columns = ca.horzcat(*(layer.values for layer in layers)) @ ca.diag(ca.DM(factors))
         scaled = ca.diag(ca.DM(1.0 / self._states)) @ columns
-        self._function = ca.Function("columns", [pose], ca.cse([ca.densify(ca.vec(scaled))]))
+        self._function = ca.Function("columns", [layers[0].x], ca.cse([ca.densify(ca.vec(scaled))]))
 
     def spans(self, pose: Array) -> bool:
         """Whether fields and brackets reach every direction at a pose."""
