@@ -50,11 +50,12 @@ class Choice(NamedTuple):
     dearer: float  # times the effort of the first: others are not
     power: float
     of_chain: bool  # whether by the whole chain, else by the manoeuvre itself
+    of_first: bool  # whether of those that arrive first, where few do; of all it takes twice as long
 
 
 # the former leads far in few steps; along some routes it multiplies errors a hundred times as much, along others the
 # latter takes three times as many steps
-FRUGAL, GENTLE = Choice(4, 2.0, 1.0, False), Choice(8, 4.0, 0.25, True)
+FRUGAL, GENTLE = Choice(4, 2.0, 1.0, False, True), Choice(8, 4.0, 0.25, True, False)
 
 
 class RouteManoeuvres:
@@ -182,8 +183,9 @@ class RouteManoeuvres:
         if self._last is None:
             return False
         part = replace(self._part, start=self._values(self.here))
-        found, self._last = self._first(part, [self._last], interruption), None
-        return found
+        controls = corrected(self._solver, part, [self._last], MANY, interruption)
+        self._last = None
+        return self._best(controls)
 
     def _detour(self) -> bool:
         """Steps aside to a pose from which the rest of the route is in sight; whether there is one among some."""
@@ -216,12 +218,10 @@ class RouteManoeuvres:
         if reach - self.walked >= SHORT:
             return False
         starts = [drawn(part, self._random, WIDTHS[seed % len(WIDTHS)]) for seed in range(SEEDS)]
-        return self._first(part, starts, interruption)
-
-    def _first(self, part: PlanningProblem, starts: list[Array], interruption: Interruption) -> bool:
-        """Takes what these starts lead to first, the best of several; the last of them take three times as long."""
-        each = arriving(self._solver, part, starts, MANY, interruption)
-        return any(self._best(controls) for controls in each)
+        if self._choice.of_first:
+            each = arriving(self._solver, part, starts, MANY, interruption)
+            return any(self._best(controls) for controls in each)
+        return self._best(corrected(self._solver, part, starts, MANY, interruption))
 
     def _best(self, controls: list[Control]) -> bool:
         """Takes the best of these, the cheapest first, if any is clear."""
