@@ -303,7 +303,7 @@ class _Clearance(_Family):
 def _weighted_matrix_slope(system: System, name: str) -> ca.Function:
     """(x, A) ↦ d/dx Σ A_ij M_ij(x) for a regularity matrix M."""
     x = ca.SX.sym("x", system.state_space.size)
-    matrix = ca.densify(ca.SX(system.regularity(x)[name]))
+    matrix = numeric_system(system).matrices(x)[name]
     weights = ca.SX.sym("A", *matrix.shape)
     slope = ca.gradient(ca.sum1(ca.sum2(weights * matrix)), x)
     return ca.Function("turned", [x, weights], [ca.densify(slope)])

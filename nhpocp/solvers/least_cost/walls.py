@@ -43,9 +43,9 @@ def walls(problem: PlanningProblem) -> Walls | None:
     size, inputs = system.state_space.size, system.input_space.size
     x, u, total = ca.SX.sym("x", size), ca.SX.sym("u", inputs), ca.SX.sym("b")
     slacks, terms = [], []
-    matrices, at_start = system.regularity(x), numeric.determinants(start[None])
+    matrices, at_start = numeric.matrices(x), numeric.determinants(start[None])
     for name in system.separating():
-        matrix = ca.SX(matrices[name])
+        matrix = matrices[name]
         if matrix.size1() > EXPANDED:
             return None
         slacks.append(ca.det(matrix) / float(at_start[name][0]))
