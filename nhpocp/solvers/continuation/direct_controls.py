@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -54,26 +55,12 @@ class DirectControls:
         displacement = np.asarray(space.difference(part.goal_point, start))
         starts = self._loops.seeds(start, displacement)
         starts += [drawn(part, self._random, WIDTHS[seed % len(WIDTHS)]) for seed in range(SEEDS)]
-        controls = corrected(self._solver, part, starts, EVALUATIONS, self._interruption)
+        each = arriving(self._solver, part, starts, EVALUATIONS, self._interruption)
+        controls = cheapest_first(each)
         if not controls:
             return []
         ends = self._flow.ends(np.append(start, 0.0), np.array([each.coefficients for each in controls]))
         return [each for each, slacks in zip(controls, ends.watched, strict=True) if clear_of(slacks)]
-
-
-def corrected(
-    solver: Continuation,
-    part: PlanningProblem,
-    starts: Sequence[Array],
-    evaluations: int,
-    interruption: Interruption,
-) -> list[Control]:
-    """Those that lead to a problem's goal, the cheapest first; from Λ₀ each (inputs × size), in so many evaluations.
-
-    Errors: Ctrl-C's.
-    """
-    each = arriving(solver, part, starts, evaluations, interruption)
-    return sorted((control for controls in each for control in controls), key=_effort)
 
 
 def arriving(
@@ -83,11 +70,19 @@ def arriving(
     evaluations: int,
     interruption: Interruption,
 ) -> Iterator[list[Control]]:
-    """Likewise, as they come: those that each evaluation adds."""
+    """Those that lead to a problem's goal, as they come: what each evaluation adds, the cheapest first.
+
+    starts: Λ₀ (inputs × size). evaluations: of each, at most. Errors: Ctrl-C's.
+    """
     method = Method(solver, Adaptive(), MoorePenrose())
     search = Lockstep(method, [part] * len(starts), interruption)
     for plans in search.arrivals(Budget(evaluations), np.array(starts)):
         yield sorted((Control(part.basis, plan.coefficients) for plan in plans.values()), key=_effort)
+
+
+def cheapest_first(arrivals: Iterable[list[Control]]) -> list[Control]:
+    """All of them."""
+    return sorted(chain.from_iterable(arrivals), key=_effort)
 
 
 def _effort(control: Control) -> float:

@@ -8,7 +8,7 @@ import casadi as ca
 import goals
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import event, example, given, settings
 from hypothesis import strategies as st
 
 import nhpocp
@@ -31,7 +31,7 @@ from nhpocp.solvers.route import find_route as find_route_module
 from nhpocp.solvers.route.easing import eased
 from nhpocp.solvers.route.find_route import find_route, lacking
 from nhpocp.solvers.route.pose_checks import least_margins, pose_checks, signed_least
-from nhpocp.solvers.route.route import Poses, Route
+from nhpocp.solvers.route.route import LEAST, Poses, Route
 from nhpocp.solvers.route.rrt_connect import ROOM, Trees, _box
 from nhpocp.systems.numeric import numeric_system
 from tests.conftest import paper_problem, yaw
@@ -378,3 +378,19 @@ def test_with_nothing_around_no_route_goes_far_off():
     reach = ROOM * problem.scales.length + np.ptp(ends, axis=0)
     np.testing.assert_allclose(low, ends.min(axis=0) - reach)
     np.testing.assert_allclose(high, ends.max(axis=0) + reach)
+
+
+@settings(max_examples=60, deadline=None)
+@given(tangent=st.lists(st.floats(-1.0, 1.0), min_size=6, max_size=6), part=st.floats(0.0, 1.0))
+def test_what_is_refused_for_its_manoeuvres_before_its_poses_is_no_valid_edge(
+    bent, bent_route, tangent, part
+):
+    """Fewer poses say how many manoeuvres an edge takes than say that it is valid; they agree on what is not."""
+    poses, space = bent_route.route.poses, bent.system.state_space
+    here = bent_route.route.at(part * bent_route.route.length)
+    there = np.asarray(space.retract(here, np.array(tangent) * poses.scales))
+    takes, valid = poses.manoeuvres(here, there), poses.valid(here, there)
+    size = poses.tangent(there, here)[1]
+    event(f"valid: {valid}, finite: {bool(np.isfinite(takes))}")
+    assert np.isfinite(takes) or not valid
+    assert poses.free(here, there) == (valid and takes <= (poses.most + LEAST) * size)
