@@ -8,45 +8,32 @@ from itertools import combinations
 from time import perf_counter
 from typing import Any, ClassVar
 
-import numpy as np
-
 from nhpocp import declared
 from nhpocp.constraints.leg_acceleration import lacking_derivative
 from nhpocp.constructed import Constructed
-from nhpocp.controls.control import Control
-from nhpocp.controls.sequence import retimed
 from nhpocp.declared import check, whole_number
 from nhpocp.deferred import Deferred
 from nhpocp.errors import expect
-from nhpocp.flow.integrators import RungeKutta4
-from nhpocp.flow.simulation import simulate
-from nhpocp.flow.step_error import FINER, FOLLOWED, MOST, path_error
 from nhpocp.interruption import STOPPED, Interruption
 from nhpocp.objectives.registry import OBJECTIVES
 from nhpocp.outcome import Outcome
 from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Progress, Solution, telling
 from nhpocp.solvers.continuation.along_routes import AlongRoutes
-from nhpocp.solvers.continuation.cheapest import cheapest, on_its_side
+from nhpocp.solvers.continuation.cheapest import cheapest
 from nhpocp.solvers.continuation.confirmation import begun_from, confirmed
 from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.continuation_result import ContinuationResult
-from nhpocp.solvers.continuation.delicate_chain import joined_by_steps
 from nhpocp.solvers.continuation.ending import Ending
 from nhpocp.solvers.continuation.geodesic import Geodesic
-from nhpocp.solvers.continuation.merging import Merging
-from nhpocp.solvers.continuation.pieces import joined
+from nhpocp.solvers.continuation.joined_plans import JoinedPlans
 from nhpocp.solvers.continuation.step_rules import Adaptive
 from nhpocp.solvers.route.find_route import lacking
 from nhpocp.solvers.route.wanted import ROUTE, ROUTE_SECONDS, ROUTES
 
 EVALUATIONS = 25  # per try: starts that lead to the goal need 5 to 20
-SHORTEST = 0.3  # of the mean duration: shorter ones would ask for many steps of all
-STEPS_PER_PIECE = 0.4  # of the steps of a whole plan, for the shortest manoeuvre of a sequence
 SAME = 0.01  # of a violation: how far two may be apart that count as one
 BUDGET = 3000  # evaluations, after which no new try begins
-RESERVE = 1.3  # times the steps that would be enough where their error fell as their fourth power
-JUDGED, BEHIND = 2, 1.6  # levels of a merge, after which one that costs so much more than another is given up
 FUTILE = 2  # starts that end outside a bound, after which a route is looked for
 FURTHER = 2  # times the restarts: seeded starts that are tried where all else failed
 
@@ -106,12 +93,12 @@ class _Search:
         # what the first search leaves of them is for the cheapest
         self._plans_along_routes = self._along_a_route()
         self._rates = {bound.label for bound in problem.bounds_on_rates}
-        self.problem, self.space, self.progress = problem, problem.system.state_space, progress
+        self.problem, self.progress = problem, progress
+        self.joined = JoinedPlans(self)
         self.records: list[Deferred] = []
         self.tried: list[dict[str, Any]] = []
         self.way = ""  # what is being tried, in words
         self.solves = 0
-        self.merged: list[float] = []  # efforts when they were judged, of merges that led to plans that count
         self.stalled: list[tuple[float, set[str]]] = []  # violations where ways rest, and what is broken
         self.given_up = False  # for want of evaluations
 
@@ -189,7 +176,7 @@ class _Search:
             geodesic.manoeuvres() if problem.system.driftless and not self.along_routes.followed else None
         )
         if controls is not None:
-            yield f"{len(controls)} manoeuvres in sequence", self._joined(controls, 0)
+            yield f"{len(controls)} manoeuvres in sequence", self.joined.plan(controls, 0)
         if self._hopeless():
             return
         nearest = min(starts, key=lambda result: result.rank)
@@ -203,7 +190,7 @@ class _Search:
         if nearest.outcome is Outcome.ITERATION_LIMIT and self.base.max_iterations > EVALUATIONS:
             self.way = "the nearest start, to the end"
             solver = replace(self.base, objective="none")
-            longer = self._solve(
+            longer = self.solve(
                 solver, begun_from(replace(problem, bounds=()), nearest.control), nearest.updates
             )
             yield self.way, self.finished(longer, self.base)
@@ -211,7 +198,7 @@ class _Search:
     def _along_a_route(self) -> Iterator[tuple[str, ContinuationResult]]:
         """Manoeuvres along a route of poses, where there is one."""
         for way, controls, steps in self.along_routes.ways():
-            plan = self._joined(controls, steps)
+            plan = self.joined.plan(controls, steps)
             yield way, replace(plan, details={**plan.details, **self.along_routes.sketch})
 
     def telling(self, way: str) -> None:
@@ -254,7 +241,7 @@ class _Search:
             for (one, broken), (other, others) in combinations(self.stalled, 2)
         )
 
-    def _solve(self, solver: Continuation, problem: PlanningProblem, updates: int = 0) -> ContinuationResult:
+    def solve(self, solver: Continuation, problem: PlanningProblem, updates: int = 0) -> ContinuationResult:
         """A confirmed solve, its records among the search's."""
         self.solves += 1
         told = telling(self.progress, way=f"try {self.solves}: {self.way}")
@@ -272,7 +259,7 @@ class _Search:
         """The continuation to the goal alone, given up soon; converged only if confirmed."""
         limit = min(self.base.max_iterations, EVALUATIONS)
         solver = replace(self.base, objective="none", max_iterations=limit, seed=self.base.seed + seed)
-        return self._solve(solver, replace(problem, bounds=()) if problem.bounds else problem)
+        return self.solve(solver, replace(problem, bounds=()) if problem.bounds else problem)
 
     def finished(self, first: ContinuationResult, solver: Continuation) -> ContinuationResult:
         """The second phase, for a try that has reached the goal: least cost, and the bounds.
@@ -292,7 +279,7 @@ class _Search:
         if words := lacking_derivative(self.problem.bounds, first.control.basis):
             words = f"{first.message}; {words} from one piece to the next"
             return replace(first, outcome=Outcome.CONSTRAINT_VIOLATED, message=words)
-        second = self._solve(solver, begun_from(self.problem, first.control), first.updates)
+        second = self.solve(solver, begun_from(self.problem, first.control), first.updates)
         if second.outcome in (Outcome.CONVERGED, Outcome.CONSTRAINT_VIOLATED, Outcome.INTERRUPTED):
             return second
         if self.problem.bounds:
@@ -300,116 +287,6 @@ class _Search:
         return replace(
             first, message=f"{first.message}; finer steps refuted the search for less {solver.objective}"
         )
-
-    def _joined(self, controls: list[Control], steps: int) -> ContinuationResult:
-        """Manoeuvres as one control, corrected as one; merged where less is asked for."""
-        first = self._as_one(controls, steps)
-        solver = replace(self.base, integrator=first.integrator)
-        asked = self.base.objective != "none" and not self.problem.via
-        if not asked or first.outcome is not Outcome.CONVERGED:
-            return self.finished(first, solver)
-        merging = Merging(self.problem, controls, replace(self.base, seed=self.base.seed + len(self.tried)))
-        try:
-            reached = self._merges(merging)
-        except KeyboardInterrupt:
-            return replace(first, outcome=Outcome.INTERRUPTED, message=STOPPED)
-        if reached is None:
-            words = "given up: others had come to far less effort by that time"
-            return replace(first, outcome=Outcome.STAGNATED, message=words)
-        plan = self._of_merged(merging, first, solver)
-        if plan.outcome is Outcome.CONVERGED and "objective_value" in plan.details:
-            self.merged.append(reached)
-        return plan
-
-    def _of_merged(
-        self, merging: Merging, first: ContinuationResult, solver: Continuation
-    ) -> ContinuationResult:
-        """The plan that a merge has left, or what the joined one comes to without it."""
-        merged = self._confirmed_of(merging)
-        if merged is None or not merged.control.effort < first.control.effort:
-            return self._lowered(first, solver)
-        if self.problem.bounds or self.base.objective != "effort":
-            return self.finished(merged, replace(self.base, integrator=merged.integrator))
-        return merging.told(merged)
-
-    def _merges(self, merging: Merging) -> float | None:
-        """Its effort after `JUDGED` levels; None, and not gone on with, where plans that count had far less by then.
-
-        Errors: Ctrl-C's.
-        """
-        reached = None
-        for effort in merging.run():
-            self.telling(f"merging manoeuvres, effort {effort / self.problem.horizon.fixed:.4g}")
-            if reached is None and merging.level >= JUDGED:
-                reached = effort
-                if effort > BEHIND * min(self.merged, default=np.inf):
-                    return None
-        return merging.effort if reached is None else reached
-
-    def _confirmed_of(self, merging: Merging) -> ContinuationResult | None:
-        """The most merged that finer steps confirm: close to a surface some paths cannot be checked."""
-        merging_on = True
-        while merging_on:
-            parts = [stretch.control for stretch in merging.stretches]
-            merged = self._as_one(parts, max(stretch.steps for stretch in merging.stretches))
-            if merged.outcome in (Outcome.CONVERGED, Outcome.INTERRUPTED):
-                return merged
-            merging_on = merging.back()
-        return None
-
-    def _lowered(self, first: ContinuationResult, solver: Continuation) -> ContinuationResult:
-        """What a joined plan comes to without merging, on its side of the separating surfaces."""
-        found = self.finished(first, solver)
-        lost = found.outcome is Outcome.CONVERGED and not on_its_side(self.problem, found)
-        if not (lost and on_its_side(self.problem, first)):
-            return found
-        name = solver.objective
-        cost = simulate(self.problem, first.control).costs[name]
-        words = f"{first.message}; {name} {cost:.6g}, of which less was found beyond a singular surface only"
-        return replace(
-            first, message=words, details={**first.details, "objective_value": cost, "stationary": False}
-        )
-
-    def _as_one(self, controls: list[Control], steps: int) -> ContinuationResult:
-        """Manoeuvres as one control over the problem's horizon, corrected as one; steps: for the shortest, at least.
-
-        Manoeuvre i costs E_i in unit time; with √E_i / Σ √E of the horizon the whole costs the least, (Σ √E)²/T.
-        """
-        weights = np.sqrt([control.effort for control in controls])
-        weights = np.maximum(weights, SHORTEST * weights.mean())
-        durations = self.problem.horizon.fixed * weights / weights.sum()
-        whole = joined([retimed(control, time) for control, time in zip(controls, durations, strict=True)])
-        integrator = self.base.integrator
-        if isinstance(integrator, RungeKutta4):
-            steps = max(steps, int(STEPS_PER_PIECE * integrator.steps))
-            steps = min(MOST // FINER, int(steps * weights.sum() / weights.min()))
-            integrator = replace(integrator, steps=steps)
-        solver = replace(self.base, integrator=integrator, objective="none")
-        self.way = f"{len(controls)} manoeuvres as one"
-        problem = replace(self.problem, bounds=())
-        result = self._solve(solver, begun_from(problem, whole))
-        ended = (
-            result.outcome in (Outcome.CONVERGED, Outcome.INTERRUPTED) or problem.via or len(controls) == 1
-        )
-        return self._resolved(result if ended else joined_by_steps(problem, controls, solver, self._solve))
-
-    def _resolved(self, plan: ContinuationResult) -> ContinuationResult:
-        """Itself if its steps resolve the whole path, or with more of them; else no claim.
-
-        The end may be right where what leads there is not.
-        """
-        for more in (True, False):
-            if plan.outcome is not Outcome.CONVERGED:
-                return plan
-            wrong, integrator = path_error(self.problem, plan.control, plan.integrator), plan.integrator
-            if wrong <= FOLLOWED:
-                return plan
-            if more and isinstance(integrator, RungeKutta4) and np.isfinite(wrong):
-                steps = min(MOST, int(RESERVE * integrator.steps * (wrong / FOLLOWED) ** 0.25))
-                solver = replace(self.base, integrator=replace(integrator, steps=steps), objective="none")
-                plan = self._solve(solver, begun_from(replace(self.problem, bounds=()), plan.control))
-        words = f"{plan.message}; its steps may be wrong by {wrong:.2g} of the task's scales on the way"
-        return replace(plan, outcome=Outcome.NOT_VERIFIED, message=words)
 
 
 def _nearness(result: ContinuationResult) -> tuple[bool, float]:

@@ -19,7 +19,7 @@ from nhpocp.flow.step_error import FOLLOWED, path_error, settled_path
 from nhpocp.interruption import STOPPED, Interruption
 from nhpocp.outcome import Outcome
 from nhpocp.problem import PlanningProblem
-from nhpocp.solvers.continuation import auto
+from nhpocp.solvers.continuation import auto, joined_plans
 from nhpocp.solvers.continuation.along_routes import AlongRoutes
 from nhpocp.solvers.continuation.auto import Auto
 from nhpocp.solvers.continuation.continuation import Continuation
@@ -161,7 +161,7 @@ def test_merging_never_costs_more_and_ends_near_the_least(steps_aside):
 
 def test_a_merged_plan_is_verified_and_says_what_it_was(steps_aside):
     search = auto._Search(Auto(Continuation(step_rule=Adaptive(), objective="effort")), aside(), None)
-    result = search._joined(steps_aside, 0)
+    result = search.joined.plan(steps_aside, 0)
     assert result.outcome is Outcome.CONVERGED
     assert "effort 11." in result.message
     assert result.details["stationary"]
@@ -174,16 +174,16 @@ def test_a_merged_plan_is_verified_and_says_what_it_was(steps_aside):
 def test_a_merge_far_behind_another_is_given_up(steps_aside, bounds):
     """It is no plan then: nobody has looked at its bounds, nor for less."""
     search = auto._Search(Auto(replace(SOLVER, objective="effort")), aside(bounds=bounds), None)
-    search.merged = [1e-3]
-    result = search._joined(steps_aside, 0)
+    search.joined._merged = [1e-3]
+    result = search.joined.plan(steps_aside, 0)
     assert result.outcome is Outcome.STAGNATED
     assert "given up" in result.message
-    assert search.merged == [1e-3]
-    search.merged = [1e6]
-    plan = search._joined(steps_aside, 0)
+    assert search.joined._merged == [1e-3]
+    search.joined._merged = [1e6]
+    plan = search.joined.plan(steps_aside, 0)
     assert plan.outcome is Outcome.CONVERGED
-    assert search.merged[0] == 1e6
-    assert len(search.merged) == 2
+    assert search.joined._merged[0] == 1e6
+    assert len(search.joined._merged) == 2
 
 
 def test_a_merge_whose_plan_does_not_count_puts_none_behind(steps_aside, monkeypatch):
@@ -192,9 +192,9 @@ def test_a_merge_whose_plan_does_not_count_puts_none_behind(steps_aside, monkeyp
     def refuted(merging, first, solver):
         return replace(first, outcome=Outcome.NOT_VERIFIED)
 
-    monkeypatch.setattr(search, "_of_merged", refuted)
-    assert search._joined(steps_aside, 0).outcome is Outcome.NOT_VERIFIED
-    assert search.merged == []
+    monkeypatch.setattr(search.joined, "_of_merged", refuted)
+    assert search.joined.plan(steps_aside, 0).outcome is Outcome.NOT_VERIFIED
+    assert search.joined._merged == []
 
 
 def test_a_bound_on_the_pose_is_kept(steps_aside):
@@ -228,17 +228,17 @@ def test_merging_goes_back_level_by_level_to_what_finer_steps_confirm(steps_asid
     assert not merging.back()
     effort = replace(SOLVER, objective="effort")
     search = auto._Search(Auto(effort), aside(), None)
-    monkeypatch.setattr(auto, "path_error", lambda *_: 1.0)  # none is resolved
-    result = search._joined(steps_aside, 0)
+    monkeypatch.setattr(joined_plans, "path_error", lambda *_: 1.0)  # none is resolved
+    result = search.joined.plan(steps_aside, 0)
     assert result.outcome is Outcome.NOT_VERIFIED
     assert "may be wrong by 1 " in result.message
 
 
 def test_too_few_steps_for_joined_manoeuvres_are_made_more(steps_aside):
     search = auto._Search(Auto(SOLVER), aside(), None)
-    coarse = search._as_one(steps_aside, 0)
+    coarse = search.joined._as_one(steps_aside, 0)
     few = replace(coarse, integrator=RungeKutta4(40), outcome=Outcome.CONVERGED)
-    plan = search._resolved(few)
+    plan = search.joined._resolved(few)
     assert plan.outcome is Outcome.CONVERGED
     assert plan.integrator.steps > 40
     assert path_error(aside(), plan.control, plan.integrator) <= FOLLOWED
@@ -276,7 +276,7 @@ def test_an_interruption_hands_back_the_joined_plan(steps_aside, monkeypatch):
 
     monkeypatch.setattr(Merging, "run", interrupted)
     search = auto._Search(Auto(Continuation(step_rule=Adaptive(), objective="effort")), aside(), None)
-    result = search._joined(steps_aside, 0)
+    result = search.joined.plan(steps_aside, 0)
     assert (result.outcome, result.message) == (Outcome.INTERRUPTED, STOPPED)
     np.testing.assert_allclose(end(aside(), result.control), aside().goal_point, atol=TOLERANCE)
     assert replace(result, outcome=Outcome.CONVERGED).control.effort > 2 * LEAST
