@@ -231,6 +231,9 @@ class BoundReport:
     def describe(self) -> str:
         return f"{self.name} is {self.value_words()} at t={self.time:.4g}, {self.limit_words()}"
 
+    def broken_words(self) -> str:
+        return f"{self.describe()} by {self.bound.figure(self.worst, '.3g')}"
+
     def value_words(self) -> str:
         return self.bound.figure(self.value, ".4g")
 

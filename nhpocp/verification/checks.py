@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from nhpocp.arrays import Array
-from nhpocp.constraints.bound import RELATIVE, Bound, BoundReport, check_bounds
+from nhpocp.constraints.bound import Bound, BoundReport, check_bounds
 from nhpocp.solution import Crossing, Replay, Solution, Verdict
 from nhpocp.state_space import Block
 from nhpocp.systems.leg_accelerations import LEG_ACCELERATIONS, SPEEDS
@@ -20,7 +20,7 @@ from nhpocp.systems.system import DISTANCE, System
 from nhpocp.verification import geometry
 from nhpocp.verification.accelerations import second_differences
 from nhpocp.verification.crossings import find_crossings
-from nhpocp.verification.distances import Distances, measured_by
+from nhpocp.verification.distances import distance_report, measured_by
 from nhpocp.verification.replay import (
     METHOD,
     Path,
@@ -326,18 +326,12 @@ class Check:
 
     def _measured(self, bound: Bound) -> BoundReport:
         """A bound on distances, by another measurement, between the samples too."""
-        around, times = self.system.surroundings, np.unique(self.samples.times)
-        distances, shape = Distances(self.system, around), (len(around.pairs),)
-        lower, size = (
-            np.broadcast_to(np.asarray(side, dtype=float), shape) for side in (bound.lower, bound.sizes[0])
-        )
-        times, values, bounded = distances.along(self.path, times, lower - 2 * RELATIVE * size)
+        report, bounded = distance_report(bound, self.system, self.path, np.unique(self.samples.times))
         if not bounded:
             self.warnings.append(
                 f"{bound.label} was looked at on samples only: between them it changes too fast"
             )
-        batch = {DISTANCE: values[:, 0] if shape == (1,) else values}
-        return check_bounds([bound], times, batch, RELATIVE)[0]
+        return report
 
     def _accelerations(self) -> dict[str, Array]:
         """Of the legs, by differences of their replayed lengths; infinite where their speeds jump."""
@@ -367,10 +361,7 @@ class Check:
 def _broken_words(report: BoundReport) -> str:
     if report.bound.quantity == LEG_ACCELERATIONS and np.isinf(report.value):
         return f"the legs' speeds jump at t={report.time:.4g}, where {report.name} is infinite"
-    return (
-        f"{report.describe()} by {report.bound.figure(report.worst, '.3g')}, more than the "
-        f"{report.bound.figure(report.allowed, '.3g')} allowed"
-    )
+    return f"{report.broken_words()}, more than the {report.bound.figure(report.allowed, '.3g')} allowed"
 
 
 def _gram(rotations: Array) -> Array:

@@ -20,7 +20,8 @@ from nhpocp.arrays import Array
 from nhpocp.bodies.hull import HalfSpace, Hull
 from nhpocp.bodies.surroundings import Surroundings
 from nhpocp.calls import call, mapped
-from nhpocp.systems.system import System
+from nhpocp.constraints.bound import RELATIVE, Bound, BoundReport, check_bounds
+from nhpocp.systems.system import DISTANCE, System
 
 CURVED = 1.05  # of a straight line: how long a body's way from one sample to the next is at most
 PARTS, MOST = 8, 40_000  # into which an interval in doubt is cut, and samples that are added in all
@@ -147,6 +148,23 @@ class Distances:
             ).ravel()
             starts, ends = grid[:-1].ravel(), grid[1:].ravel()
             low, high = table[:-1].ravel(), table[1:].ravel()
+
+
+def distance_report(
+    bound: Bound, system: Any, path: Callable[[Array], Array], times: Array
+) -> tuple[BoundReport, bool]:
+    """How a path keeps a bound on distances, and whether what lies between the times (k,), in order, was bounded too.
+
+    system: among its surroundings. path: times (k,) ↦ states (k, size).
+    """
+    around = system.surroundings
+    shape = (len(around.pairs),)
+    lower, size = (
+        np.broadcast_to(np.asarray(side, dtype=float), shape) for side in (bound.lower, bound.sizes[0])
+    )
+    moments, values, bounded = Distances(system, around).along(path, times, lower - 2 * RELATIVE * size)
+    batch = {DISTANCE: values[:, 0] if shape == (1,) else values}
+    return check_bounds([bound], moments, batch, RELATIVE)[0], bounded
 
 
 def by_fcl(fcl: Any) -> Between:
