@@ -171,7 +171,8 @@ def steer(
     machine], None: the problem's horizon. patience: seconds that a method of the plant may take, None: any time.
     rate: how often in a unit of the machine's time the rest of the first plan is corrected under way, None: never.
     `Steered` has `reached`, `outcome`, `message`, and `cycles`, each with its errors and its verified plan. What the
-    plant raises ends it as `interrupted`; a plan that fails is not run.
+    plant raises ends it as `interrupted`; a plan that fails is not run. Bounds that a machine in the computer broke on
+    its way are in `warnings`.
     Errors: `InvalidProblemError` for what is no problem, `CallError` for what is no plant.
     """
     from nhpocp.machine.feedback.steering import Steering

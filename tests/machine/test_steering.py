@@ -19,7 +19,7 @@ from nhpocp.machine.feedback.simulated_plant import KinematicWorkshop, Simulated
 from nhpocp.machine.feedback.steering import Ending, Steering
 from nhpocp.machine.model_errors import ModelErrors
 from tests.conftest import paper_problem
-from tests.machine.conftest import PROBLEMS
+from tests.machine.conftest import PROBLEMS, reference
 
 PAPER = paper_problem()
 ROBOT = PAPER.system
@@ -28,6 +28,14 @@ CART = nhpocp.PlanningProblem(
     start={"x": 0, "y": 0, "theta": 0},
     goal={"x": 0, "y": 0.5, "theta": 0},
     initial=[[0.5, 0, -2, 0, 0], [0, 3, 0, 0, 0]],
+)
+AROUND = nhpocp.PlanningProblem(
+    name="around",
+    system=nhpocp.Unicycle(),
+    start={"x": 0, "y": 0, "theta": 0},
+    goal={"x": 3, "y": 0, "theta": 0},
+    obstacles=[{"disc": {"centre": [1.5, 0], "radius": 0.3}, "name": "pillar"}],
+    bounds={"distance": 0.1},
 )
 QUICK = Steering(verified=False)
 
@@ -138,6 +146,105 @@ def test_a_measurement_that_is_none_ends_it(pose):
             return pose
 
     assert "measure() gave no pose" in QUICK.run(CART, Blind()).message
+
+
+def slow_cart(problem):
+    """Makes a fifth too little of v, which takes it through the pillar."""
+    return SimulatedPlant(problem.system, problem.start, gains=[0.8, 1])
+
+
+def test_a_machine_that_leaves_the_bounds_on_its_way_is_told_of():
+    steered = QUICK.run(AROUND, slow_cart(AROUND))
+    assert steered.reached
+    ((cycle, report),) = steered.broken
+    made = reference(slower(steered.cycles[1].plan), times := np.linspace(0, 1, 2001), 1.0, quintic=False)
+    distances = np.hypot(made[:, 0] - 1.5, made[:, 1]) - 0.3 - 0.1  # radii of pillar and body
+    assert (cycle, report.name) == (1, "distance[body, pillar]")
+    assert report.value == pytest.approx(distances.min(), abs=1e-4) == pytest.approx(-0.0955, abs=2e-3)
+    assert report.time == pytest.approx(times[distances.argmin()], abs=5e-3)
+    assert steered.cycles[1].path(times) == pytest.approx(made, abs=5e-4)
+    words = r"cycle 1: distance\[body, pillar\] is -0\.09\d+ at t=0\.\d+, below 0\.1 by 0\.19\d"
+    assert re.fullmatch(words, steered.warnings[0])
+
+
+def slower(plan):
+    gains = np.array([[0.8], [1]])
+    return replace(plan, control=replace(plan.control, coefficients=gains * plan.control.coefficients))
+
+
+def test_a_machine_that_is_the_model_keeps_the_bounds_as_verified():
+    bounds = {"leg_length": [15, 70], "leg_speed": 400, "control": 60, "joint_angle": {"cone": {"max": 1.4}}}
+    problem = PAPER.with_(bounds={**bounds, "state": {"position": {"max": [40, 40, 60]}}, "clearance": 1e-4})
+    first = QUICK.run(problem, SimulatedPlant(ROBOT, problem.start)).cycles[1]
+    verdict = nhpocp.verify(first.plan)
+    assert len(first.path.bounds) == len(verdict.bounds) == 7
+    for report, verified in zip(first.path.bounds, verdict.bounds, strict=True):
+        assert (report.ok, report.name) == (True, verified.name)
+        assert report.value == pytest.approx(verified.value, rel=2e-3)
+        assert report.time == pytest.approx(verified.time, abs=5e-3)
+
+
+def test_rates_are_those_of_the_machine_in_its_own_time():
+    problem = CART.with_(bounds={"control": 20})
+    fast = SimulatedPlant(CART.system, CART.start, gains=[1.2, 1])
+    steered = replace(QUICK, duration=0.5).run(problem, fast)
+    first = steered.cycles[1]
+    inputs = first.plan.control(np.linspace(0, 1, 401)) * [2.4, 2]
+    largest = np.abs(inputs).max(axis=0)
+    assert np.abs(first.path.inputs).max(axis=0) == pytest.approx(largest, rel=1e-3)
+    assert [abs(report.value) for report in first.path.bounds] == pytest.approx(largest, rel=1e-3)
+
+
+def test_of_accelerations_between_commands_nothing_is_said():
+    problem = PAPER.with_(bounds={"leg_acceleration": 5000, "leg_speed": 400}, basis=nhpocp.Fourier(2))
+    steered = QUICK.run(problem, SimulatedPlant(ROBOT, problem.start))
+    assert [report.bound.label for report in steered.cycles[1].path.bounds] == ["leg_speed"]
+
+
+def test_of_a_machine_outside_nothing_is_said_of_its_way():
+    steered = QUICK.run(AROUND, Cart())
+    assert steered.reached
+    assert [cycle.path for cycle in steered.cycles] == [None] * len(steered.cycles)
+    assert steered.warnings == ()
+
+
+def test_where_nothing_is_bounded_no_path_is_kept():
+    assert QUICK.run(CART, SimulatedPlant(CART.system, CART.start)).cycles[1].path is None
+
+
+def test_a_run_that_is_interrupted_is_told_of_too():
+    class Breaking(SimulatedPlant):
+        left = 170
+
+        def advance(self, seconds):
+            self.left -= 1
+            if self.left < 0:
+                raise OSError("a wheel is off")
+            super().advance(seconds)
+
+    steered = QUICK.run(AROUND, Breaking(AROUND.system, AROUND.start, gains=[0.8, 1]))
+    assert steered.outcome is Ending.INTERRUPTED
+    assert len(steered.cycles) == 1
+    assert steered.unfinished.times[-1] == pytest.approx(0.85)
+    assert [cycle for cycle, _ in steered.broken] == [1]
+
+
+def test_the_way_back_counts_too():
+    mirrored = SimulatedPlant(AROUND.system, AROUND.start, gains=[-1, 1])
+    steered = QUICK.run(AROUND, mirrored)
+    assert steered.outcome is Ending.NO_PROGRESS
+    assert steered.cycles[1].path.times[-1] == pytest.approx(2)
+
+
+def test_of_many_machines_the_worst_is_named():
+    errors, workshop = ModelErrors.parsed("v=20%", AROUND.system), KinematicWorkshop(AROUND.start)
+    fleet = steer_fleet(AROUND, errors, 3, QUICK, workshop)
+    broken = [k for k, machine in enumerate(fleet.machines) if machine.steered.broken]
+    reports = [machine.steered.broken[0][1] for machine in fleet.machines if machine.steered.broken]
+    worst = broken[int(np.argmax([report.worst for report in reports]))]
+    (sentence,) = fleet.warnings
+    wanted = f"distance was not kept by {len(broken)} of 3 machines, the worst machine {worst} in cycle 1: distance["
+    assert sentence.startswith(wanted)
 
 
 def test_progress_is_never_reversed():

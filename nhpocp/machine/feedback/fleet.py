@@ -65,6 +65,25 @@ class Fleet:
         ]
         return float(np.median(times)) if times else float("nan")
 
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Of each bound that was broken on the way by how many machines, and the worst place of all."""
+        broken = [
+            (number, cycle, report)
+            for number, machine in enumerate(self.machines)
+            for cycle, report in machine.steered.broken
+        ]
+        sentences = []
+        for label in dict.fromkeys(report.bound.label for *_, report in broken):
+            those = [each for each in broken if each[2].bound.label == label]
+            number, cycle, worst = max(those, key=lambda each: each[2].worst / each[2].allowed)
+            count = len({each[0] for each in those})
+            sentences.append(
+                f"{label} was not kept by {count} of {len(self.machines)} machines, the worst machine {number} in "
+                f"cycle {cycle}: {worst.broken_words()}"
+            )
+        return tuple(sentences)
+
     def errors_at_the_end(self, name: str, feedback: bool) -> Array:
         """True errors, "error", "position_error" or "angle_error", of machines that ran; without or with feedback."""
         cycles = [machine.closed if feedback else machine.opened for machine in self.machines]

@@ -6,9 +6,12 @@ import threading
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
+import numpy as np
+
 from nhpocp.arrays import Array
 from nhpocp.errors import NhpocpError, one_line
-from nhpocp.machine.feedback.plant import Plant
+from nhpocp.machine.feedback.plant import Plant, TrialPlant
+from nhpocp.systems.system import System
 
 T = TypeVar("T")
 
@@ -26,6 +29,7 @@ class GuardedPlant:
 
     def __init__(self, plant: Plant, patience: float | None = None) -> None:
         self.plant, self.patience = plant, patience
+        self._trial = plant if isinstance(plant, TrialPlant) and isinstance(plant.system, System) else None
 
     def measure(self) -> Mapping[str, Any]:
         return self._guarded("measure", self.plant.measure)
@@ -35,6 +39,17 @@ class GuardedPlant:
 
     def advance(self, seconds: float) -> None:
         self._guarded("advance", lambda: self.plant.advance(seconds), seconds)
+
+    @property
+    def system(self) -> System | None:
+        """Of a `TrialPlant`, with its own parameters; None of any other."""
+        return self._trial.system if self._trial else None
+
+    @property
+    def point(self) -> Array | None:
+        """Of a `TrialPlant`, the packed state (size,) as it is; None of any other."""
+        trial = self._trial
+        return self._guarded("point", lambda: np.array(trial.point, dtype=float)) if trial else None
 
     def _guarded(self, name: str, method: Callable[[], T], own: float = 0.0) -> T:
         try:

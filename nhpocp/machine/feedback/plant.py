@@ -32,8 +32,14 @@ class Plant(Protocol):
         ...
 
 
+@runtime_checkable
 class TrialPlant(Plant, Protocol):
     """A plant in a computer, which is known without noise too."""
+
+    @property
+    def system(self) -> System:
+        """With its own parameters."""
+        ...
 
     @property
     def point(self) -> Array:

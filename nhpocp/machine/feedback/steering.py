@@ -11,11 +11,13 @@ from typing import Any
 import numpy as np
 
 from nhpocp.arrays import Array
+from nhpocp.constraints.bound import BoundReport
 from nhpocp.constructed import Constructed
 from nhpocp.declared import check, count, positive
 from nhpocp.errors import CallError, InvalidProblemError, OrientationAtPiError, describe
 from nhpocp.frozen import replace as changed
 from nhpocp.interruption import STOPPED, Interruption
+from nhpocp.machine.feedback.executed_path import ExecutedPath, RecordedPlant
 from nhpocp.machine.feedback.guarded_plant import GuardedPlant, PlantError
 from nhpocp.machine.feedback.model_estimate import ModelEstimate, WatchedPlant
 from nhpocp.machine.feedback.planning_again import FINER, PlannedRun, Replanner
@@ -47,7 +49,9 @@ class Cycle:
 
     error: E [rad]; position_error [length], angle_error [rad]: of the goal's parts, None where it has none. plan_s:
     seconds of the clock. plan: the `Solution`. returned: whether the machine was taken back, for this run had made the
-    error larger, and to what E (None: it was not). corrections: of the rest of the plan, under way.
+    error larger, and to what E (None: it was not). corrections: of the rest of the plan, under way. path: that the
+    machine made, to where it was measured, and how it kept the problem's bounds; None where nobody knows it, as of a
+    machine outside the computer, or nothing is bounded.
     """
 
     measured: Mapping[str, Any]
@@ -58,6 +62,7 @@ class Cycle:
     plan_s: float | None = None
     returned: float | None = None
     corrections: int = 0
+    path: ExecutedPath | None = field(default=None, repr=False)
 
     def to_json(self) -> dict[str, Any]:
         """Plain data of steer.json."""
@@ -72,6 +77,7 @@ class Cycle:
             "evaluations": plan.evaluations if plan else None,
             "corrections": self.corrections,
             "returned": self.returned,
+            "broken": None if self.path is None else len(self.path.broken),
             "measured": dict(self.measured),
         }
 
@@ -82,7 +88,7 @@ class Steered:
 
     problem: that was steered. tolerance: E [rad] that counts as reached. outcome: an `Ending`. message: the same in a
     sentence. cycles: a `Cycle` for each measurement after a run, and the first before any. refused: the plan that
-    failed, where one did.
+    failed, where one did. unfinished: the path of the run that was interrupted, as a cycle's.
     """
 
     problem: PlanningProblem
@@ -91,6 +97,7 @@ class Steered:
     message: str
     cycles: tuple[Cycle, ...]
     refused: Solution | None = None
+    unfinished: ExecutedPath | None = field(default=None, repr=False)
 
     def __repr__(self) -> str:
         error = f", E = {self.cycles[-1].error:.3g}" if self.cycles else ""
@@ -99,6 +106,17 @@ class Steered:
     @property
     def reached(self) -> bool:
         return self.outcome is Ending.REACHED
+
+    @property
+    def broken(self) -> tuple[tuple[int, BoundReport], ...]:
+        """Bounds of the problem that the machine did not keep on its way, each with the number of the cycle."""
+        paths = [*(cycle.path for cycle in self.cycles[1:]), self.unfinished]
+        return tuple((k, report) for k, path in enumerate(paths, 1) if path for report in path.broken)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The same in sentences."""
+        return tuple(f"cycle {k}: {report.broken_words()}" for k, report in self.broken)
 
     @property
     def error(self) -> float:
@@ -174,7 +192,8 @@ class _Run:
     def __init__(
         self, steering: Steering, problem: PlanningProblem, plant: GuardedPlant, plan: Solution | None
     ) -> None:
-        self.steering, self.problem, self.plant, self.begun = steering, problem, plant, plan
+        self.steering, self.problem, self.begun = steering, problem, plan
+        self.plant = RecordedPlant(plant, problem)
         self.replanner = Replanner.of(problem, steering.tolerance, steering.objective)
         self.cycles: list[Cycle] = []
         self.refused: Solution | None = None
@@ -190,8 +209,9 @@ class _Run:
             except PlantError as error:
                 outcome, message = Ending.INTERRUPTED, f"The machine failed: {error}"
         steering = self.steering
+        cycles, unfinished = tuple(self.cycles), self.plant.ended()
         return Steered(
-            self.problem, steering.tolerance, outcome, f"{message}.", tuple(self.cycles), self.refused
+            self.problem, steering.tolerance, outcome, f"{message}.", cycles, self.refused, unfinished
         )
 
     def _cycles(self) -> tuple[Ending, str]:
@@ -219,6 +239,7 @@ class _Run:
                     f"The plan of cycle {runs + 1} failed, and the machine stays where it is: {plan.message}"
                 )
                 return Ending.PLAN_FAILED, words.rstrip(".")
+            self.plant.begin()
             run, corrections = self._run(plan)
             here = self._at_rest()
             cycle = replace(
@@ -305,6 +326,7 @@ class _Run:
         return changed(started, via=()) if self.cycles and started.via else started
 
     def _keep(self, cycle: Cycle) -> None:
+        cycle = replace(cycle, path=self.plant.ended())
         self.cycles.append(cycle)
         if self.steering.progress:
             self.steering.progress(cycle)
