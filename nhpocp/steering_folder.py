@@ -16,6 +16,7 @@ from nhpocp.provenance import environment
 from nhpocp.solution import Solution
 from nhpocp.solution_folder import is_solution_folder, plain, save_solution, unwritable
 from nhpocp.solution_folder.pictures import drawn
+from nhpocp.solution_folder.stored import StoredBound
 from nhpocp.solution_folder.target import remove_own, require_own
 from nhpocp.whole import bench, write_text
 
@@ -54,12 +55,15 @@ def save_steering(
     plans += [steered.refused] if steered.refused else []
     folders = _save_plans(plans, home)
     rows = [{"cycle": k, **cycle.to_json()} for k, cycle in enumerate(steered.cycles)]
-    for row, folder in zip(rows[1:], folders, strict=False):
+    for row, cycle, folder in zip(rows[1:], steered.cycles[1:], folders, strict=False):
         row["folder"] = folder
+        if cycle.path is not None:
+            row["constraints"] = {r.bound.label: StoredBound.written(r) for r in cycle.path.bounds}
     data = {
         **_head(steered.problem.name, steered.tolerance),
         "outcome": steered.outcome.value,
         "message": steered.message,
+        "warnings": steered.warnings,
         "error": steered.error,
         **facts,
         "cycles": rows,
@@ -87,8 +91,10 @@ def save_fleet(
                 "outcome": steered.outcome.value,
                 "runs": max(len(cycles) - 1, 0),
                 **errors,
+                "broken": len({report.bound for _, report in steered.broken}),
                 "wrong": machine.wrong,
                 "message": steered.message,
+                "warnings": steered.warnings,
                 "cycles": [
                     {k: c[k] for k in ("error", "position_error", "angle_error", "plan_s")} for c in cycles
                 ],
@@ -98,6 +104,7 @@ def save_fleet(
         **_head(fleet.problem.name, fleet.tolerance),
         "outcome": fleet.outcome,
         "reached": fleet.reached,
+        "warnings": fleet.warnings,
         "runs": fleet.runs,
         "plan_s": fleet.plan_s,
         "errors": fleet.errors.words,

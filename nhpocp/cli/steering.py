@@ -99,8 +99,8 @@ def steer(context: click.Context, file: Path, output: Path | None, as_json: bool
     """Plan FILE, run the plan on a simulated machine, measure, plan the rest again, until the goal is reached.
 
     The machine is the system with other parameters (--error). A run that leads away from the goal is taken back, and
-    a plan that fails is not run. Writes the errors over the cycles, a picture of them, and every plan as a solution
-    folder. Default folder: results/NAME/steer.
+    a plan that fails is not run. Constraints that the machine broke on its way are warnings. Writes the errors over
+    the cycles, a picture of them, and every plan as a solution folder. Default folder: results/NAME/steer.
     """
     from nhpocp.interruption import Interruption
     from nhpocp.machine.feedback.steering import Steering
@@ -175,7 +175,8 @@ def _many(asked: _Asked, runs: int, stop: Interruption) -> int:
     _warn(save_fleet(fleet, asked.home, {"plant": asked.facts}, _pictures(asked.problem)))
     if asked.as_json:
         head = {"folder": str(asked.home), "outcome": fleet.outcome, "runs": runs, "reached": fleet.reached}
-        put(plain({**head, "plan_s": fleet.plan_s, "table": fleet.table()}))
+        more = {"warnings": fleet.warnings, "plan_s": fleet.plan_s, "table": fleet.table()}
+        put(plain({**head, **more}))
     else:
         _tell_many(fleet, asked)
     return SOLVED if fleet.reached == runs else NOT_SOLVED
@@ -213,7 +214,7 @@ def _plain(steered: Steered, home: Path) -> Any:
     names = ("error", "position_error", "angle_error", "plan_s", "plan_outcome", "corrections", "returned")
     cycles = [{name: cycle.to_json()[name] for name in names} for cycle in steered.cycles]
     head = {"folder": str(home), "outcome": steered.outcome.value, "message": steered.message}
-    return plain({**head, "cycles": cycles})
+    return plain({**head, "warnings": steered.warnings, "cycles": cycles})
 
 
 def _tell_one(steered: Steered, wrong: ModelErrors, home: Path) -> None:
@@ -225,6 +226,8 @@ def _tell_one(steered: Steered, wrong: ModelErrors, home: Path) -> None:
         seconds = "-" if cycle.plan_s is None else f"{cycle.plan_s:.3f}"
         numbers = [_figure(value) for value in (cycle.error, cycle.position_error, cycle.angle_error)]
         tell(f"  {k:5d}  {numbers[0]:9s}  {numbers[1]:9s}  {numbers[2]:11s}  {seconds}")
+    for warning in steered.warnings:
+        tell(f"  warning: {warning}")
     tell(f"  written: {home}")
 
 
@@ -242,6 +245,8 @@ def _tell_many(fleet: Fleet, asked: _Asked) -> None:
     for number, machine in enumerate(fleet.machines):
         if not machine.steered.reached:
             tell(f"  machine {number}: {machine.steered.outcome.value}: {machine.steered.message}")
+    for warning in fleet.warnings:
+        tell(f"  warning: {warning}")
     tell(f"  written: {asked.home}")
 
 

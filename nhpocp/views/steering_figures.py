@@ -30,7 +30,7 @@ def write_pictures(subject: Steered | Fleet, folder: Path) -> None:
 def steering(subject: Steered | Fleet) -> Figure:
     """Errors of position and angle over the cycles, on log axes; or E, where the goal has neither.
 
-    Of many machines each is a thin line, the median a thick one.
+    Of many machines each is a thin line, the median a thick one. Of one, cycles in which a bound was broken are marked.
     """
     if isinstance(subject, Fleet):
         histories = [list(machine.steered.cycles) for machine in subject.machines]
@@ -70,6 +70,9 @@ def _panel(axes: Any, name: str, histories: list[Array], subject: Steered | Flee
         words = subject.outcome.value.replace("_", " ")
         last = {"marker": "X", "color": ALARM, "markersize": 6, "linestyle": "none", "zorder": 5}
         axes.plot([cycles - 1], [histories[0][-1]], label=words, clip_on=False, **last)
+    if isinstance(subject, Steered) and (broken := sorted({k for k, _ in subject.broken if k < cycles})):
+        ring = {"marker": "o", "markersize": 9, "fillstyle": "none", "color": ALARM, "linestyle": "none"}
+        axes.plot(broken, histories[0][broken], label="a bound broken", clip_on=False, zorder=5, **ring)
     limit = _tolerance(name, subject.problem, subject.tolerance)
     axes.axhline(limit, label=f"tolerance {subject.tolerance:g}", **REFERENCE)
     axes.set(yscale="log", xlabel="cycle", ylabel=_label(name, subject.problem), xlim=(-0.15, cycles - 0.85))

@@ -9,7 +9,7 @@ import nhpocp
 from nhpocp.cli.entry import status
 from tests.conftest import paper_problem
 from tests.machine.conftest import PROBLEMS
-from tests.machine.test_steering import CART
+from tests.machine.test_steering import AROUND, CART
 
 ROBOT = nhpocp.dump_problem(paper_problem().with_(pictures=False))
 
@@ -110,6 +110,43 @@ def test_pictures_of_a_cart(tmp_path, monkeypatch, capsys):
     assert (ended, err) == (0, "")
     for kind in ("png", "svg"):
         assert (tmp_path / "out" / f"steering.{kind}").stat().st_size > 5000
+
+
+@pytest.fixture
+def around(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "around.yaml").write_text(nhpocp.dump_problem(AROUND), encoding="utf-8")
+    return tmp_path / "out"
+
+
+def test_bounds_that_the_machine_broke_on_its_way_are_told(around, capsys):
+    asked = ["steer", "around.yaml", "--error", "v=-20%", "--tolerance", "0.2", "-o", "out"]
+    asked += ["--set", "output.pictures=false"]
+    ended, out, err = said(asked, capsys)
+    assert (ended, err) == (0, "")
+    stored = json.loads((around / "steer.json").read_text(encoding="utf-8"))
+    (warning,) = stored["warnings"]
+    assert warning.startswith("cycle 1: distance[body, pillar] is -0.09")
+    assert f"  warning: {warning}\n" in out
+    distances = [cycle["constraints"]["distance"] for cycle in stored["cycles"][1:]]
+    assert [distance["ok"] for distance in distances] == [False, True]
+    assert distances[0]["value"] + distances[0]["worst"] == pytest.approx(0.1)
+    with (around / "steer.csv").open(newline="", encoding="utf-8") as file:
+        assert [row["broken"] for row in csv.DictReader(file)] == ["", "1", "0"]
+    ended, out, _ = said([*asked, "--json"], capsys)
+    assert (ended, json.loads(out)["warnings"]) == (0, [warning])
+
+
+def test_bounds_that_many_machines_broke_are_told(around, capsys):
+    asked = ["--error", "v=20%", "--runs", "2", "--set", "output.pictures=false", "-o", "out"]
+    ended, out, _ = said(["steer", "around.yaml", *asked], capsys)
+    stored = json.loads((around / "steer.json").read_text(encoding="utf-8"))
+    (warning,) = stored["warnings"]
+    assert ended == 0
+    assert f"  warning: {warning}\n" in out
+    told = [bool(machine["warnings"]) for machine in stored["machines"]]
+    assert f"not kept by {sum(told)} of 2 machines" in warning
+    assert [machine["broken"] for machine in stored["machines"]] == [int(each) for each in told]
 
 
 @pytest.mark.parametrize(

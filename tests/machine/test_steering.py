@@ -18,6 +18,7 @@ from nhpocp.machine.feedback.set_points import SetPoints
 from nhpocp.machine.feedback.simulated_plant import KinematicWorkshop, SimulatedPlant
 from nhpocp.machine.feedback.steering import Ending, Steering
 from nhpocp.machine.model_errors import ModelErrors
+from nhpocp.views.steering_figures import steering
 from tests.conftest import paper_problem
 from tests.machine.conftest import PROBLEMS, reference
 
@@ -165,6 +166,13 @@ def test_a_machine_that_leaves_the_bounds_on_its_way_is_told_of():
     assert steered.cycles[1].path(times) == pytest.approx(made, abs=5e-4)
     words = r"cycle 1: distance\[body, pillar\] is -0\.09\d+ at t=0\.\d+, below 0\.1 by 0\.19\d"
     assert re.fullmatch(words, steered.warnings[0])
+
+
+def test_the_picture_marks_cycles_in_which_a_bound_was_broken():
+    one = replace(QUICK, cycles=1)
+    for machine, told in ((slow_cart(AROUND), True), (SimulatedPlant(AROUND.system, AROUND.start), False)):
+        legend = steering(one.run(AROUND, machine)).axes[0].get_legend()
+        assert ("a bound broken" in [text.get_text() for text in legend.get_texts()]) is told
 
 
 def slower(plan):
