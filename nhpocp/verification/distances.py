@@ -2,8 +2,8 @@
 
 That is the GJK algorithm of the Flexible Collision Library (python-fcl) on the convex hulls of corners; where it is not
 installed, the point of least norm in the hull of all differences of corners, by non-negative least squares [Lawson &
-Hanson, ch. 23]. Radii are taken off afterwards. Overlapping hulls are told as such, not how deep. From a half space a
-hull is as far as its lowest corner, with the library and without.
+Hanson, ch. 23]. How deep overlapping hulls are is the depth of zero in that hull of differences, by its facets (Qhull).
+Radii are taken off afterwards. From a half space a hull is as far as its lowest corner, with the library and without.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from nhpocp.constraints.bound import RELATIVE, Bound, BoundReport, check_bounds
 from nhpocp.systems.system import DISTANCE, System
 
 CURVED = 1.05  # of a straight line: how long a body's way from one sample to the next is at most
+TOUCHING = 1e-12  # of the largest coordinate: hulls so near are looked at as overlapping ones
 PARTS, MOST = 8, 40_000  # into which an interval in doubt is cut, and samples that are added in all
 Between = Callable[[Array, Array], Array]  # corners (n, d) and (m, d) ↦ the distance of their hulls
 
@@ -86,7 +87,10 @@ class Distances:
         else:
             its = np.broadcast_to(np.array(shape.corners), (len(mine), *np.shape(shape.corners)))
         for k in np.flatnonzero(good & np.isfinite(its).all(axis=(1, 2))):
-            distances[k] = self._between(mine[k], its[k]) - hull.radius - shape.radius
+            apart = self._between(mine[k], its[k])
+            if apart <= TOUCHING * np.abs(mine[k]).max():
+                apart = -way_out(mine[k], its[k])
+            distances[k] = apart - hull.radius - shape.radius
         return distances
 
     def way(self, corners: Mapping[str, Array], pair: int) -> Array:
@@ -195,10 +199,26 @@ def by_least_squares(first: Array, second: Array) -> float:
     """The norm of the shortest of all convex combinations of differences of corners."""
     from scipy.optimize import nnls
 
-    differences = np.array([a - b for a, b in product(first, second)]).T
+    differences = _differences(first, second).T
     size = np.abs(differences).max()
     if size == 0:
         return 0.0
     rows = np.vstack([differences / size, np.ones(differences.shape[1])])
     weights, _ = nnls(rows, np.append(np.zeros(len(differences)), 1.0))
     return float(np.linalg.norm(differences @ (weights / weights.sum())))
+
+
+def way_out(first: Array, second: Array) -> float:
+    """The shortest way that takes a hull out of another [length]; 0 where they do not overlap."""
+    from scipy.spatial import ConvexHull, QhullError
+
+    try:
+        facets = ConvexHull(_differences(first, second)).equations
+    except QhullError:  # all in one plane, out of which any step leads
+        return 0.0
+    return max(0.0, float(-facets[:, -1].max()))
+
+
+def _differences(first: Array, second: Array) -> Array:
+    """Of every two corners, (n·m, d)."""
+    return np.array([a - b for a, b in product(first, second)])
