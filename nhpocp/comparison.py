@@ -84,10 +84,7 @@ class Entry:
         True: claimed and confirmed by verification. False: claimed and refuted. None: it claimed nothing (it failed in
         its own eyes), or nobody has verified the claim.
         """
-        solution = self.solution
-        if solution.outcome in (Outcome.NOT_VERIFIED, Outcome.CONSTRAINT_VIOLATED):
-            return False
-        return True if solution.converged else None
+        return False if self.solution.refuted else self.solution.converged or None
 
     @property
     def objective_value(self) -> float:

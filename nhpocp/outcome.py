@@ -34,7 +34,7 @@ _ADVICE = {
     Outcome.CONVERGED: "The goal is reached and the path was confirmed by an independent integration.",
     Outcome.NOT_VERIFIED: "The solver's path does not survive re-integration; use more steps or intervals.",
     Outcome.CONSTRAINT_VIOLATED: (
-        "The goal is reached but a stated constraint is broken; loosen it, or use the nlp solver."
+        "The goal is reached but a stated constraint is broken; loosen it, or try the other solver or more intervals."
     ),
     Outcome.ITERATION_LIMIT: "Raise max_iterations; for the Jacobian method also gamma, up to 1.",
     Outcome.STAGNATED: (

@@ -86,8 +86,13 @@ class Verdict:
     bounds: Sequence[BoundReport] = ()
     warnings: Sequence[str] = ()
 
+    @property
+    def refusal(self) -> str:
+        """The reasons in one sentence."""
+        return "; ".join(self.reasons)
+
     def __repr__(self) -> str:
-        said = "ok" if self.ok else f"refuted: {visible('; '.join(self.reasons))}"
+        said = "ok" if self.ok else f"refuted: {visible(self.refusal)}"
         error = "" if self.error is None else f", E = {self.error:.3g}"
         crossed = f", {len(self.crossings)} crossings" if self.crossings else ""
         return f"<Verdict {said}{error}{crossed}>"
@@ -144,6 +149,12 @@ class Solution(ByValue, Shown):
         return self.outcome is Outcome.CONVERGED and self.verdict is not None and self.verdict.ok
 
     @property
+    def refuted(self) -> bool:
+        """Whether the solver claimed success and verification changed that into what it says."""
+        claimed = self.outcome in (Outcome.NOT_VERIFIED, Outcome.CONSTRAINT_VIOLATED)
+        return claimed and self.verdict is not None and self.message.startswith(f"{self.verdict.refusal}. ")
+
+    @property
     def pose_reached(self) -> str:
         """The state at the end in words, angles in degrees; empty where the path does not reach its end."""
         parts = []
@@ -192,7 +203,7 @@ class Solution(ByValue, Shown):
             broken = [report for report in verdict.bounds if not report.ok]
             only_bounds = bool(broken) and len(verdict.reasons) == len(broken)
             outcome = Outcome.CONSTRAINT_VIOLATED if only_bounds else Outcome.NOT_VERIFIED
-            message = f"{'; '.join(verdict.reasons)}. {outcome.advice}"
+            message = f"{verdict.refusal}. {outcome.advice}"
         timing = {**self.timing, "verify_s": verify_seconds}
         timing["total_s"] = sum(timing.get(key, 0.0) for key in ("build_s", "solve_s", "verify_s"))
         return replace(self, outcome=outcome, message=message, verdict=verdict, timing=timing)

@@ -21,6 +21,7 @@ import pytest
 from nhpocp.cli.entry import status
 from nhpocp.comparison import Comparison, Entry, Run, compare
 from nhpocp.comparison_folder import load_comparison, plan, write_comparison
+from nhpocp.constraints.bound import Bound, BoundReport
 from nhpocp.controls.control import Control
 from nhpocp.controls.fourier import Fourier
 from nhpocp.errors import InvalidProblemError, NhpocpWarning, UnreadableSolutionError
@@ -140,8 +141,8 @@ def test_a_row_has_the_contracts_keys_first():
     [
         (Outcome.CONVERGED, True, True),
         (Outcome.CONVERGED, None, None),  # a claim that nobody has judged
-        (Outcome.NOT_VERIFIED, False, False),
-        (Outcome.CONSTRAINT_VIOLATED, False, False),
+        (Outcome.NOT_VERIFIED, False, None),  # in the solver's own eyes, as the message says
+        (Outcome.CONSTRAINT_VIOLATED, False, None),
         (Outcome.STAGNATED, False, None),
         (Outcome.STAGNATED, True, None),  # it claimed nothing, so it was not right either
         (Outcome.SOLVER_ERROR, None, None),
@@ -152,9 +153,12 @@ def test_claim_right_is_about_claims_only(outcome, ok, right):
     assert Entry.of(made(ok=ok, outcome=outcome)).claim_right is right
 
 
-def test_a_refuted_claim_is_a_claim():
-    judged = made(ok=None).judged(Verdict(2.0, False, "by hand", ["E = 2"]))
-    assert judged.outcome is Outcome.NOT_VERIFIED
+@pytest.mark.parametrize("outcome", [Outcome.NOT_VERIFIED, Outcome.CONSTRAINT_VIOLATED])
+def test_a_refuted_claim_is_a_claim(outcome):
+    broken = BoundReport(Bound("input", np.array(-1.0), np.array(1.0)), 1.0, 0.5, (0,), ok=False)
+    reports = [broken] if outcome is Outcome.CONSTRAINT_VIOLATED else []
+    judged = made(ok=None).judged(Verdict(2.0, False, "by hand", ["E = 2"], bounds=reports))
+    assert judged.outcome is outcome
     assert Entry.of(judged).claim_right is False
 
 

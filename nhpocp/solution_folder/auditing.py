@@ -180,7 +180,7 @@ class _Comparison:
         if verdict is None:
             return
         if stored.outcome is not self.fresh.outcome:
-            yield f"outcome is converged, but the replay refutes it: {'; '.join(verdict.reasons)}"
+            yield f"outcome is converged, but the replay refutes it: {verdict.refusal}"
         if stored.outcome is Outcome.NOT_VERIFIED and verdict.ok:
             yield "outcome is not_verified, but the replay finds nothing against the solution"
         believed = stored.final_error

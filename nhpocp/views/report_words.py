@@ -136,7 +136,8 @@ def _reached(named: _Named) -> Markup:
     who = {1: "the only run does not reach", 2: "neither run reaches"}.get(
         len(bad), "none of the runs reaches"
     )
-    return Markup("{} the goal: {}.").format(who, _listed(bad))
+    within = " within its bounds" if named[0][0].solution.problem.bounds else ""
+    return Markup("{} the goal{}: {}.").format(who, within, _listed(bad))
 
 
 def _claim(entry: Entry, name: str) -> Markup:
@@ -150,7 +151,7 @@ def _failure(entry: Entry, name: str) -> Markup:
     """Why a run is not among the verified ones."""
     solution = entry.solution
     if entry.claim_right is False:
-        reasons = "; ".join(solution.verdict.reasons) if solution.verdict else ""
+        reasons = solution.verdict.refusal if solution.verdict else ""
         return Markup("{} claimed success and was refuted ({})").format(name, reasons or "no reason stored")
     reason = solution.message.removesuffix(solution.outcome.advice).strip().rstrip(".").replace(". ", "; ")
     return Markup("{} ended as <q>{}</q> ({})").format(
