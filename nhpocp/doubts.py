@@ -13,7 +13,7 @@ from nhpocp.foreseen import broken_poses, other_side, singular_goal, singular_po
 from nhpocp.pace import too_far
 from nhpocp.problem import PlanningProblem
 from nhpocp.scales import coarse
-from nhpocp.systems.system import System
+from nhpocp.systems.system import DISTANCE, System
 from nhpocp.via import Via
 
 TURN = 2 * pi
@@ -50,6 +50,11 @@ def doubts(
         yield InvalidProblemError(words, path="start", at_key=True)
     if words := other_side(problem):
         yield InvalidProblemError(f"{words}; no path leads there", path="goal", at_key=True)
+    if problem.obstacles and all(bound.quantity != DISTANCE for bound in problem.bounds):
+        words = (
+            "nothing asks to keep away from them; write constraints: {distance: 0.1}, in the problem's length"
+        )
+        yield InvalidProblemError(words, path="obstacles", at_key=True)
     horizon = problem.horizon
     if words := too_far(problem, horizon.maximum if horizon.free else horizon.initial, tolerance):
         yield InvalidProblemError(words, path="constraints.leg_speed", at_key=True)

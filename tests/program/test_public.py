@@ -186,6 +186,11 @@ DOUBTFUL = [  # changes, path, words
 ]  # fmt: skip
 
 
+def test_obstacles_that_nothing_keeps_away_from_are_doubted():
+    with pytest.warns(nhpocp.NhpocpWarning, match="obstacles: nothing asks to keep away from them"):
+        nhpocp.load_problem(ROOT / "problems" / "corridor.yaml", ["constraints={}"])
+
+
 @pytest.mark.parametrize(("changes", "path", "words"), DOUBTFUL)
 def test_what_check_doubts_is_a_warning_at_the_users_line(changes, path, words):
     problem = paper_problem(**changes)
