@@ -56,17 +56,18 @@ def _stored(solution: Solution) -> Iterator[Column]:
         for place in np.ndindex(*table.shape[1:]):
             entry = name + "".join(f"[{i}]" for i in place)
             numbers = table[(slice(None), *place)]
-            yield Column(_numbered(_stem(block), place), numbers, unit, _meaning(what, block), entry)
+            yield Column(_numbered(_stem(block), place), numbers, unit, _meaning(what, block, place), entry)
 
 
-def _meaning(what: str, block: Block) -> str:
-    """What a quantity is, in words."""
+def _meaning(what: str, block: Block, place: tuple[int, ...]) -> str:
+    """What a number of a quantity is, in words."""
     if own := margin(block.name):
         kind = "least singular value" if own.kind == "sigma" else "determinant"
         return f"{kind} of {own.letter}"
     if what == "time":
         return what
     words = block.words or block.name.replace("_", " ")
+    words += f"[{block.entries[place[0] if place else 0]}]" if block.entries else ""  # as messages call it
     return words if what == "output" else f"{what}: {words}"
 
 

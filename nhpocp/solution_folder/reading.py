@@ -18,7 +18,6 @@ from typing import Any
 import numpy as np
 
 from nhpocp.arrays import Array
-from nhpocp.constraints.bound import BoundReport
 from nhpocp.controls.control import Control
 from nhpocp.errors import InvalidProblemError, UnreadableSolutionError
 from nhpocp.problem import PlanningProblem
@@ -272,6 +271,6 @@ def _verdict(stored: StoredSolution, verified: StoredVerdict, problem: PlanningP
         **dict(verified),
         "original": Replay(**dict(original)) if original else None,
         "crossings": [crossing.crossing() for crossing in stored.crossings],
-        "bounds": [BoundReport(bounds[k], **dict(r)) for k, r in stored.constraints.items() if k in bounds],
+        "bounds": [r.report(bounds[k]) for k, r in stored.constraints.items() if k in bounds],
     }
     return Verdict(**parts)

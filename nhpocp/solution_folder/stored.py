@@ -20,6 +20,7 @@ from pydantic import (
     model_validator,
 )
 
+from nhpocp.constraints.bound import Bound, BoundReport
 from nhpocp.errors import InvalidProblemError, UnreadableSolutionError, describe
 from nhpocp.objectives.registry import costs_of_motion
 from nhpocp.outcome import Outcome
@@ -82,12 +83,16 @@ class StoredCrossing(Stored):
 
 
 class StoredBound(Stored):
+    name: str = ""  # worked out again from the problem where a folder is read
     worst: Known
     allowed: Known = nan  # folders of older versions have none
     ok: bool
     time: Known = Field(alias="t")
     component: tuple[int, ...]
     value: Known = nan
+
+    def report(self, bound: Bound) -> BoundReport:
+        return BoundReport(bound, **{name: value for name, value in self if name != "name"})
 
 
 class StoredRecord(Stored):
