@@ -238,11 +238,14 @@ def handed_back(failed: Solution, plan: Solution, lowered: LoweredGuess) -> Solu
 
 
 def kept(stopped: Solution, plan: Solution) -> Solution:
-    """The plan at hand in the place of what an NLP had come to when it was stopped."""
-    cost = f"{plan.problem.objective} {cost_of(plan):.6g}"
-    return replace(
-        _instead(stopped, plan, plan), message=f"{STOPPED}; the Jacobian method's plan is kept, of {cost}."
-    )
+    """What is at hand in the place of what an NLP had come to when it was stopped: a plan, or the half of one."""
+    if plan.outcome is Outcome.CONVERGED:
+        words = (
+            f"{STOPPED}; the Jacobian method's plan is kept, of {plan.problem.objective} {cost_of(plan):.6g}."
+        )
+    else:
+        words = f"no guess yet; what the {plan.solver} solver had come to is kept: {plan.message}"
+    return replace(_instead(stopped, plan, plan), message=words)
 
 
 def _instead(failed: Solution, plan: Solution, least: Solution) -> Solution:

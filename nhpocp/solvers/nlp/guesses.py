@@ -40,7 +40,7 @@ DRAWS = 40  # of a seeded control; an NLP needs no full rank, and begins with wh
 class NoGuessError(InvalidProblemError):
     """A guess that cannot be made; ``outcome`` is how a solve ends that needed it.
 
-    origin: the plan of another solver of which none could be made.
+    origin: what another solver came to, of which none could be made.
     """
 
     def __init__(self, message: str, outcome: Outcome, path: str, origin: Solution | None = None) -> None:
@@ -208,6 +208,7 @@ class SolverGuess(Constructed):
                 f"the {self.solver.name} solver, whose solution was to be the guess, was stopped",
                 solution.outcome,
                 "solvers.nlp.initial",
+                solution,
             )
         return solution
 

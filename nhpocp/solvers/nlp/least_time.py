@@ -43,7 +43,8 @@ class CoarseGuess:
     def control(self, problem: PlanningProblem, horizon: float, seed: int) -> Control:
         coarse = self.run.solve()
         if coarse.outcome is Outcome.INTERRUPTED:
-            raise NoGuessError("the coarse mesh was stopped", coarse.outcome, "solvers.nlp")
+            found = self.origin or coarse
+            raise NoGuessError("the coarse mesh was stopped", coarse.outcome, "solvers.nlp", found)
         if coarse.outcome is not Outcome.CONVERGED:
             return self.maker.control(problem, horizon, seed)
         return coarse.control

@@ -22,7 +22,7 @@ from nhpocp.problem import PlanningProblem
 from nhpocp.solution import Progress, Solution
 from nhpocp.solvers.claimed import unsolved
 from nhpocp.solvers.nlp.ending import Ending, excess
-from nhpocp.solvers.nlp.first_plan import LoweredGuess
+from nhpocp.solvers.nlp.first_plan import LoweredGuess, kept
 from nhpocp.solvers.nlp.guesses import GuessMaker, NoGuessError, make_guess, meets
 from nhpocp.solvers.nlp.kkt_residuals import kkt_residuals
 from nhpocp.solvers.nlp.optimizer import Look, Optimizer, Optimum, failed
@@ -106,7 +106,9 @@ class Run:
         except NoGuessError as error:
             self.origin = error.origin
             sentence, seconds = f"No guess to start from: {error.message}.", perf_counter() - began
-            return unsolved(self.problem, self.solver, error.outcome, sentence, build_seconds=seconds)
+            ended = unsolved(self.problem, self.solver, error.outcome, sentence, build_seconds=seconds)
+            halfway = error.origin if error.outcome is Outcome.INTERRUPTED else None
+            return kept(replace(ended, evaluations=halfway.evaluations), halfway) if halfway else ended
         self.evaluations += self.maker.evaluations if isinstance(self.maker, LoweredGuess) else 0
         with Interruption() as interruption:
             if interruption.noted and isinstance(self.maker, LoweredGuess):  # the plan itself is at hand

@@ -125,6 +125,26 @@ def test_what_is_stopped_keeps_the_plan():
     assert solution.verdict.error < 1e-6
 
 
+class Stopped:
+    """A solver that is stopped when it has come to its plan."""
+
+    name = "jacobian"
+
+    def solve(self, problem, progress=None):
+        return replace(ADAPTIVE.solve(problem), outcome=Outcome.INTERRUPTED, message="stopped by hand.")
+
+
+def test_what_a_guess_had_come_to_when_it_was_stopped_is_kept():
+    problem = turning(1.0)
+    half = Stopped().solve(problem)
+    solution = planning.solve(problem, warm(Stopped()))
+    assert solution.outcome is Outcome.INTERRUPTED
+    assert "what the jacobian solver had come to is kept: stopped by hand" in solution.message
+    assert solution.control == half.control
+    assert (solution.evaluations, solution.final_error) == (half.evaluations, half.final_error)
+    assert solution.verdict.ok
+
+
 def test_a_plan_within_the_bounds_is_handed_back_within_them():
     limit = 0.95 * np.sqrt(2 * np.pi)  # of the circle's speed
     problem = turning(1.0, bounds=[Bound("control", "u2", -limit, limit)])
