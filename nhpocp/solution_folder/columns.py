@@ -73,7 +73,7 @@ def _meaning(what: str, block: Block, place: tuple[int, ...]) -> str:
 
 def _stem(block: Block) -> str:
     """A block's name, or its symbol where that is a Greek letter: joint_angles are theta."""
-    letter = re.fullmatch(r"\\([a-z]+)", block.symbol)
+    letter = re.fullmatch(r"\\(?:var)?([a-z]+)", block.symbol)
     return letter[1] if letter else block.name
 
 

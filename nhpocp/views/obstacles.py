@@ -125,8 +125,8 @@ def plot_obstacles(axes: Any, system: System, low: Array, high: Array) -> None:
         fill = Poly3DCollection(
             outlines,
             facecolor=COLOUR,
-            edgecolor=EDGE if sharp else "none",
-            linewidth=0.6 if sharp else 0.0,
+            edgecolor=EDGE,
+            linewidth=0.6 if sharp else 0.25,  # of a small ball nothing else is seen
             alpha=0.25 if flat else 0.6,
         )
         fill.set_zorder(3)
