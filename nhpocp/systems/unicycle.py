@@ -7,14 +7,13 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from nhpocp.arrays import Array, namespace
 from nhpocp.state_space import StateSpace, scalar
+from nhpocp.systems.parameter import Parameter
 from nhpocp.systems.planar import NOSE, footprint, outline, wheel
 from nhpocp.systems.system import System
 
 if TYPE_CHECKING:
     from nhpocp.bodies.hull import Hull
     from nhpocp.systems.chained_form import ChainedForm
-
-LENGTH = 0.2  # of the drawn body
 
 
 class Unicycle(System):
@@ -26,6 +25,9 @@ class Unicycle(System):
     """
 
     model: ClassVar[str] = "unicycle"
+    declared: ClassVar[Mapping[str, Parameter]] = {
+        "width": Parameter("positive", 0.2, "of the body, which is 1.9 times as long", unit="length")
+    }
     example: ClassVar[Mapping[str, Any]] = {  # sideways
         "start": {"x": 0, "y": 0, "theta": 0},
         "goal": {"x": 0, "y": 1, "theta": 0},
@@ -33,6 +35,10 @@ class Unicycle(System):
     }
     state_space = StateSpace([scalar("x", "length"), scalar("y", "length"), scalar("theta", "angle")])
     input_space = StateSpace([scalar("v", "length"), scalar("w", "angle")])
+    width: float
+
+    def __init__(self, width: float = 0.2) -> None:
+        super().__init__(width=width)
 
     def vector_fields(self, state: Array) -> Array:
         xp = namespace(state)
@@ -59,15 +65,15 @@ class Unicycle(System):
         return ChainedForm(self, 1, lambda x: x[2], last, assemble)
 
     def bodies(self, state: Array) -> dict[str, Hull]:
-        return {"body": footprint(state[:2], state[2], NOSE, LENGTH)}
+        return {"body": footprint(state[:2], state[2], NOSE, self.width)}
 
     def drawing(self, state: Array) -> dict[str, Any]:
         """The body with its nose ahead, from above, and the wheel."""
         here, theta = state[:2], state[2]
         return {
             "lines": {
-                "body": outline(here, theta, NOSE, LENGTH),
-                "wheel": wheel(here, theta, 2.0 * LENGTH),
+                "body": outline(here, theta, NOSE, self.width),
+                "wheel": wheel(here, theta, 2.0 * self.width),
             },
             "points": {},
             "trace": here,

@@ -299,6 +299,26 @@ def test_what_is_passed_between_the_samples_is_seen(monkeypatch):
     assert values.min() == pytest.approx(0.1, abs=0.02)
 
 
+def test_verification_and_trajectories_tell_one_depth():
+    """A unicycle that drives straight through a wall, and is deepest when its middle is in the wall's."""
+    from nhpocp.verification.distances import Distances
+
+    problem = nhpocp.PlanningProblem(
+        system=nhpocp.Unicycle(width=0.4),
+        start={"x": 0, "y": 0, "theta": 0},
+        goal={"x": 3},
+        obstacles=[{"rectangle": {"centre": [1.5, 0], "size": [0.2, 2]}}],
+        bounds={"distance": 0.1},
+    )
+    motion = nhpocp.simulate(problem, np.array([[3.0, 0, 0, 0, 0], np.zeros(5)]))
+    system = problem.system
+    states = np.c_[motion.trajectory["x"], np.zeros((len(motion.trajectory["x"]), 2))]
+    distances = Distances(system, system.surroundings)
+    measured = distances.measure(distances.corners(states), 0)
+    np.testing.assert_allclose(measured, motion.trajectory["distance"], atol=1e-9)
+    assert measured.min() == pytest.approx(-0.5 * (1.9 * 0.4 + 0.2), abs=0.02)  # half of both lengths is out
+
+
 def test_a_folder_shows_its_distances(parked, tmp_path, capsys):
     folder = nhpocp.save_solution(parked, tmp_path / "plan")
     again = nhpocp.load_solution(folder)
@@ -308,7 +328,14 @@ def test_a_folder_shows_its_distances(parked, tmp_path, capsys):
     capsys.readouterr()
     assert (folder / "distances.png").stat().st_size > 5000
     stored = json.loads((folder / "solution.json").read_text())
-    assert stored["constraints"]["distance"]["ok"]
+    report = stored["constraints"]["distance"]
+    assert report["ok"]
+    meanings = (folder / "columns.csv").read_text()
+    assert report["name"].startswith("distance[car, ")
+    assert (
+        f'distance_{report["component"][0] + 1},length,distance[{report["component"][0]}],"{report["name"]}"'
+        in meanings
+    )
     header = (folder / "trajectory.csv").read_text().partition("\n")[0].split(",")
     assert [name for name in header if name.startswith("distance")] == [f"distance_{k}" for k in (1, 2, 3)]
 

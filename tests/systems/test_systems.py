@@ -200,7 +200,7 @@ def test_drift_moves_without_control_and_forbids_what_driftless_systems_may(case
         ("heisenberg", {"scale": "1"}, "system.scale", "expected a number, got the text"),
         ("rolling_sphere", {"radius": -1}, "system.radius", "> 0"),
         ("rolling_sphere", {"contact": "glue"}, "system.contact", "none of rubber, marble"),
-        ("unicycle", {"wheel": 1}, "system.wheel", "unicycle has none"),
+        ("suslov_joint", {"wheel": 1}, "system.wheel", "suslov_joint has none"),
     ],
 )
 def test_parameters_are_checked(model, parameters, path, words):
