@@ -25,6 +25,7 @@ from nhpocp.views.style import COLOURS, GREY, line_style
 ELEVATION, AZIMUTH = 20.0, -62.0  # degrees
 ZOOM = 0.84  # of a view with room for the names of its axes
 SPACE = ("$x$", "$y$", "$z$")
+MARGINS = (0.32, 0.05)  # inches: below and above the axes of a view of the plane
 DARK, PARTS = "#4b5563", {"wheel", "roller", "drawbar", "window"}  # closed lines that are a part of some body
 FILLS = ("0.72", "#F0C05A", "#9CCBE8", "#B7DDB0")
 _THIN = ("#AA4499", "#117733", "#7A5C00", "#882255")  # the path is black
@@ -115,6 +116,17 @@ def extent(*drawings: Mapping[str, Any], points: Array) -> tuple[Array, Array]:
     return low - grow, high + grow
 
 
+def height_of(width: float, flat: float) -> float:
+    """Of a view of the plane [inches] that its axes fill, where they show what is ``flat`` times as high as wide."""
+    return _across(width)[1] * flat + sum(MARGINS)
+
+
+def _across(width: float) -> tuple[float, float]:
+    """Before the axes of a view of the plane, where the numbers of y and its name stand, and of these axes [inches]."""
+    before = max(0.21 * width, 0.45)
+    return before, 0.97 * width - before
+
+
 def add_view(
     figure: Any,
     box: tuple[float, float, float, float],
@@ -133,7 +145,9 @@ def add_view(
         set_view(axes, low, high, names, zoom)
         return axes
     left, bottom, width, height = box
-    axes = figure.add_axes((left + 0.21 * width, bottom + 0.14 * height, 0.76 * width, 0.84 * height))
+    below, above = (margin / figure.get_figheight() for margin in MARGINS)
+    before, across = (part / figure.get_figwidth() for part in _across(width * figure.get_figwidth()))
+    axes = figure.add_axes((left + before, bottom + below, across, height - below - above))
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel=names[0], ylabel=names[1])
     axes.set_aspect("equal" if one_scale else "auto")
     for axis, size in zip((axes.xaxis, axes.yaxis), high - low, strict=True):

@@ -44,6 +44,7 @@ from nhpocp.views.svg_text import text_svg
 from nhpocp.whole import write_files
 
 VIEW = (2.35, 2.42)  # inches: one view of a mechanism
+TITLE, LOWEST = 0.17, 1.0  # inches: over a view, and the least height of one of a wide plane
 
 
 def _only_words(words: str, room: Room) -> Figure:
@@ -154,10 +155,12 @@ def mechanism(
     every = points if route is None else np.concatenate([points, route])
     low, high = obstacles.widened(system, *drawing.extent(*shown, points=every))
     names = drawing.axis_names(system, len(low), units)
-    figure, boxes = _views(len(poses), room)
+    (wide, tall), plane = (high - low)[:2], len(low) == 2 and not system.plotted
+    figure, boxes = _views(len(poses), room, tall / wide if plane else None)
     for pose, (left, bottom, width, height) in zip(poses, boxes, strict=True):
         # room for the name of the z axis, and for words over the view
-        box = (left, bottom, 0.96 * width, 0.93 * height)
+        title = TITLE / figure.get_figheight()
+        box = (left, bottom, 0.96 * width, height - title)
         zoom = _zoom(box[2] * figure.get_figwidth())
         axes = drawing.add_view(figure, box, low, high, names, zoom, not system.plotted)
         obstacles.plot_obstacles(axes, system, low, high)
@@ -167,7 +170,7 @@ def mechanism(
         if route is not None:
             axes.plot(*route.T, **routes.ROUTE)
         drawing.plot_path(axes, points)
-        figure.text(left + width / 2, bottom + 0.95 * height, pose.words, ha="center", va="center")
+        figure.text(left + width / 2, bottom + height - 0.7 * title, pose.words, ha="center", va="center")
     return figure
 
 
@@ -181,11 +184,18 @@ def _columns(count: int, room: Room) -> int:
     return room.columns(count, VIEW[0] / 1.5)
 
 
-def _views(count: int, room: Room) -> tuple[Figure, list[tuple[float, float, float, float]]]:
-    """A figure for so many views, and their boxes in fractions of it, over a legend."""
+def _views(
+    count: int, room: Room, flat: float | None = None
+) -> tuple[Figure, list[tuple[float, float, float, float]]]:
+    """A figure for so many views, and their boxes in fractions of it, over a legend.
+
+    flat: height over width of what they show at one scale, in the plane; a wide one takes no more room than it fills.
+    """
     columns = _columns(count, room)
     rows, foot = -(-count // columns), 0.33 if columns == count else 0.5  # inches
     width, height = room.panel(columns, (max(1.0, 1.5 / count) * VIEW[0], VIEW[1]), 1.1)
+    if flat is not None:
+        height = min(height, max(LOWEST, TITLE + drawing.height_of(0.96 * width, flat)))
     whole = room.height or rows * height + foot
     figure = Picture(figsize=(columns * width, whole))
     low, tall = foot / whole, (1 - foot / whole) / rows
