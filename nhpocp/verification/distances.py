@@ -1,9 +1,11 @@
 """Distances measured again along a replayed path, by another formula than the one that solvers differentiate.
 
-That is the GJK algorithm of the Flexible Collision Library (python-fcl) on the convex hulls of corners; where it is not
-installed, the point of least norm in the hull of all differences of corners, by non-negative least squares [Lawson &
-Hanson, ch. 23]. How deep overlapping hulls are is the depth of zero in that hull of differences, by its facets (Qhull).
-Radii are taken off afterwards. From a half space a hull is as far as its lowest corner, with the library and without.
+That is the GJK algorithm of the Flexible Collision Library (python-fcl) on the convex hulls of corners. It may end too
+early between bodies that stand square to each other, and then says too much: its answer counts only where the two lie
+so far apart along the line of its nearest points. Else, and where it is not installed, it is the point of least norm in
+the hull of all differences of corners, by non-negative least squares [Lawson & Hanson, ch. 23]. How deep overlapping
+hulls are is the depth of zero in that hull of differences, by its facets (Qhull). Radii are taken off afterwards. From
+a half space a hull is as far as its lowest corner, with the library and without.
 """
 
 from __future__ import annotations
@@ -24,6 +26,7 @@ from nhpocp.constraints.bound import RELATIVE, Bound, BoundReport, check_bounds
 from nhpocp.systems.system import DISTANCE, System
 
 CURVED = 1.05  # of a straight line: how long a body's way from one sample to the next is at most
+CERTAIN = 1e-9  # of the largest coordinate: what a distance may be more than a gap that proves it
 TOUCHING = 1e-12  # of the largest coordinate: hulls so near are looked at as overlapping ones
 PARTS, MOST = 8, 40_000  # into which an interval in doubt is cut, and samples that are added in all
 Between = Callable[[Array, Array], Array]  # corners (n, d) and (m, d) ↦ the distance of their hulls
@@ -188,9 +191,14 @@ def by_fcl(fcl: Any) -> Between:
     def between(first: Array, second: Array) -> float:
         if len(first) < len(second):  # the library is at its best so
             first, second = second, first
-        return max(
-            0.0, float(fcl.distance(made(first), made(second), fcl.DistanceRequest(), fcl.DistanceResult()))
-        )
+        found, asked = fcl.DistanceResult(), fcl.DistanceRequest(enable_nearest_points=True)
+        apart = float(fcl.distance(made(first), made(second), asked, found))
+        line = np.subtract(*found.nearest_points)[: first.shape[1]]
+        heights, others = first @ line, second @ line
+        gap = max(heights.min() - others.max(), others.min() - heights.max())  # times |line|
+        length = float(np.linalg.norm(line))
+        sure = apart <= 0 or gap >= (apart - CERTAIN * max(apart, np.abs(first).max())) * length > 0
+        return max(0.0, apart) if sure else by_least_squares(first, second)
 
     return between
 
