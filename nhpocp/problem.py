@@ -12,6 +12,7 @@ import numpy as np
 
 from nhpocp.arrays import Array
 from nhpocp.bodies.obstacles import Obstacle, among_bodies
+from nhpocp.bodies.surroundings import alone
 from nhpocp.constraints.bound import Bound
 from nhpocp.constraints.registry import bounds_of
 from nhpocp.controls.basis import ControlBasis
@@ -265,7 +266,12 @@ class PlanningProblem(ByValue, Frozen, Shown):
             elif block is None or not _may_be_bounded(block):
                 words = f"unknown quantity {bound.quantity!r}"
                 wrong.append(InvalidProblemError(words, path=path, word=bound.quantity, known=known))
+            elif block.name == DISTANCE and not block.entries:
+                wrong.append(InvalidProblemError(alone(self.system.model), path=path, at_key=True))
             elif words := bound.misfit(block.shape):
+                wrong.append(InvalidProblemError(words, path=path))
+            elif block.name == DISTANCE and np.isfinite(np.asarray(bound.upper, dtype=float)).any():
+                words = "an upper side; distances are bounded from below alone"
                 wrong.append(InvalidProblemError(words, path=path))
 
     def _measured(self, bound: Bound) -> Bound:

@@ -12,6 +12,11 @@ from nhpocp.bodies.hull import HalfSpace, Hull
 from nhpocp.bodies.obstacles import Obstacle
 
 
+def alone(model: str) -> str:
+    """Why the bodies of a system have no distances, in words."""
+    return f"the bodies of {model} touch by construction or are one; name obstacles"
+
+
 @dataclass(frozen=True)
 class Surroundings:
     """Obstacles, and the pairs of names whose distance counts.

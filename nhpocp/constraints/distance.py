@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from nhpocp.bodies.surroundings import alone
 from nhpocp.constraints.bound import Bound
 from nhpocp.constraints.kind import ConstraintKind, opened
 from nhpocp.systems.system import DISTANCE, System
@@ -23,8 +24,7 @@ class Distance(ConstraintKind):
         if not system.has_bodies:
             return f"the system {system.model} has no bodies; remove it"
         pairs = system.among(()).surroundings if system.surroundings is None else system.surroundings
-        alone = f"the bodies of {system.model} touch by construction or are one; name obstacles"
-        return "" if pairs is not None and pairs.pairs else alone
+        return "" if pairs is not None and pairs.pairs else alone(system.model)
 
     def bounds(self, value: Any, system: System) -> list[Bound]:
         return [Bound(self.key, DISTANCE, value)]

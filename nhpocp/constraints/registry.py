@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from operator import attrgetter
 from typing import Any
+
+import numpy as np
 
 from nhpocp.constraints.bound import Bound
 from nhpocp.constraints.kind import ConstraintKind
@@ -77,4 +80,36 @@ def block_of(bounds: Sequence[Bound], system: System) -> dict[str, Any]:
                 path="constraints",
             )
         own.setdefault(key, []).append(bound)
-    return {key: KINDS[key].value(bounds, system) for key, bounds in own.items()}
+    return {key: _value_of(KINDS[key], bounds, system) for key, bounds in own.items()}
+
+
+def _value_of(kind: ConstraintKind, bounds: Sequence[Bound], system: System) -> Any:
+    """The value of a key, which asks for these bounds and for nothing else."""
+    try:
+        value = kind.value(bounds, system)
+        if _same(bounds_of({kind.key: value}, system), bounds):
+            return value
+    except (
+        ArithmeticError,
+        LookupError,
+        TypeError,
+        ValueError,
+    ) as error:  # what no kind has words for, it trips over
+        if isinstance(error, InvalidProblemError):
+            raise
+    words = f"a problem file has no word for {' and '.join(map(repr, bounds))} under `{kind.key}`"
+    raise InvalidProblemError(f"{words}; write bounds as that key makes them", path="constraints")
+
+
+def _same(some: Sequence[Bound], others: Sequence[Bound]) -> bool:
+    """Whether bounds ask for the same, in whatever order, of all components at once or of each."""
+    key = attrgetter("label", "quantity")
+    return len(some) == len(others) and all(
+        key(one) == key(other) and _equal(one.lower, other.lower) and _equal(one.upper, other.upper)
+        for one, other in zip(sorted(some, key=key), sorted(others, key=key), strict=True)
+    )
+
+
+def _equal(side: Any, other: Any) -> bool:
+    mine, its = np.broadcast_arrays(np.asarray(side, dtype=float), np.asarray(other, dtype=float))
+    return np.array_equal(mine, its)

@@ -209,6 +209,25 @@ def test_the_robot_s_legs_touch_their_plates_and_no_other_pair_does():
     assert robot.among(None).surroundings is None
 
 
+@pytest.mark.parametrize(
+    ("obstacles", "bound", "words"),
+    [
+        ([], nhpocp.Bound("distance", "distance", 0.1), "name obstacles"),
+        (
+            [{"disc": {"centre": [1, 1], "radius": 0.2}}],
+            nhpocp.Bound("distance", "distance", 0.1, 5),
+            "below alone",
+        ),
+    ],
+)
+def test_bounds_on_distances_that_say_nothing_are_refused(obstacles, bound, words):
+    start = {"x": 0, "y": 0, "theta": 0}
+    with pytest.raises(nhpocp.InvalidProblemError, match=words):
+        nhpocp.PlanningProblem(
+            system=nhpocp.Unicycle(), start=start, goal={"x": 1}, obstacles=obstacles, bounds=[bound]
+        )
+
+
 def test_a_pose_in_collision_is_named_before_the_solve():
     problem = parse_problem(
         f"{ROBOT}obstacles: [{{capsule: {{from: [-12, -12, 20], to: [-12, 10, 26], radius: 2}}}}]\n"

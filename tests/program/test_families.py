@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 
+import numpy as np
 import pytest
 
 from nhpocp.constraints.bound import Bound
@@ -69,6 +70,22 @@ def test_every_kind_of_constraint_is_read_as_it_is_written():
     bounds = bounds_of(given, system)
     again = bounds_of(block_of(bounds, system), system)
     assert [(one.label, one.quantity) for one in bounds] == [(one.label, one.quantity) for one in again]
+
+
+@pytest.mark.parametrize(
+    "bounds",
+    [
+        [Bound("joint_angle.theta4", "joint_angles", [-0.1, -np.inf, -np.inf, -1], [0.1, np.inf, np.inf, 1])],
+        [Bound("joint_angle.theta4", "joint_angles", upper=np.array([[9, 9, 9, k] for k in (1, 2, 3)]))],
+        [Bound("joint_angle", "joint_angles", -3, 3)],
+        [Bound("distance", "distance", 2.0), Bound("distance", "distance", 0.1)],
+        [Bound("leg_length", "leg_lengths", 20, 60), Bound("leg_length", "leg_lengths", 30, 40)],
+        [Bound("clearance.sigma_w", "sigma_w", 0.01)],
+    ],
+)
+def test_bounds_that_a_file_would_change_are_not_written(bounds):
+    with pytest.raises(InvalidProblemError, match="no word for"):
+        block_of(bounds, paper_problem().system)
 
 
 # --- members that break a law -----------------------------------------------------------------------------------------
