@@ -177,13 +177,18 @@ def expect(value: Any, kinds: type | tuple[type, ...], wanted: str, path: str | 
     raise CallError(f"expected {wanted}, got {describe(value)}{hint}", path=path)
 
 
+def nearest(word: str, known: Iterable[str]) -> str:
+    """The known word that was probably meant; empty where none is near."""
+    lower = {each.lower(): each for each in known}
+    near = difflib.get_close_matches(word.lower(), lower, n=1, cutoff=0.6)
+    return lower[near[0]] if near else ""
+
+
 def suggestion(word: str, known: Iterable[str], none: str = "") -> str:
     """The nearest known word as a question, else all of them, or what is said where there is ``none`` near."""
     known = list(known)
-    lower = {each.lower(): each for each in known}
-    near = difflib.get_close_matches(word.lower(), lower, n=1, cutoff=0.6)
-    if near:
-        return f"did you mean {lower[near[0]]!r}?"
+    if near := nearest(word, known):
+        return f"did you mean {near!r}?"
     if none:
         return none
     return f"expected one of {', '.join(known)}" if known else "no key is expected here"

@@ -33,9 +33,10 @@ if TYPE_CHECKING:
     from nhpocp.solution import Solver
 
 
-def assembled(data: ProblemData, system: System) -> PlanningProblem:
+def assembled(data: ProblemData, system: System, obstacles_read: bool = True) -> PlanningProblem:
     """The problem of a file, without its solvers.
 
+    obstacles_read: whether the file's obstacles are those of the ``data``; without them, distances are left out.
     Errors: `InvalidProblemError` for everything in it that does not fit together, by its path in the file; `others`.
     """
     wrong: list[InvalidProblemError] = []
@@ -55,7 +56,12 @@ def assembled(data: ProblemData, system: System) -> PlanningProblem:
     basis = data.control.made()
     if words := OBJECTIVES[data.objective].lacking_control(basis):
         wrong.append(InvalidProblemError(words, path="objective"))
-    obstacles = part(lambda: Obstacle.several(plain_obstacles(data.obstacles)), ())
+    obstacles = (
+        part(lambda: Obstacle.several(plain_obstacles(data.obstacles)), None) if obstacles_read else None
+    )
+    limits = data.constraints.given()
+    if obstacles is None and system.has_bodies:
+        limits.pop("distance", None)
     around = system.among(obstacles) if obstacles and system.has_bodies else system
     problem = part(
         lambda: PlanningProblem(
@@ -70,8 +76,8 @@ def assembled(data: ProblemData, system: System) -> PlanningProblem:
             error_length=data.error_length,
             length_scale=data.length_scale,
             via=[Via(data.via[i].at, plain_state(data.via[i].values)) for i in via_order(data)],
-            obstacles=obstacles,
-            bounds=part(lambda: bounds_of(data.constraints.given(), around), []),
+            obstacles=obstacles or (),
+            bounds=part(lambda: bounds_of(limits, around), []),
             samples=data.output.samples,
             pictures=data.output.pictures,
             reference=data.reference.model_dump(exclude_none=True),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import re
 from collections.abc import Iterator, Sequence
 from functools import lru_cache
@@ -10,7 +9,7 @@ from typing import Any, get_args
 
 from pydantic import BaseModel, ValidationError
 
-from nhpocp.errors import InvalidProblemError, describe, suggestion
+from nhpocp.errors import InvalidProblemError, describe, nearest, suggestion
 from nhpocp.problem_file.document import dotted
 from nhpocp.problem_file.states import Rotation
 
@@ -39,10 +38,9 @@ def _guessed(details: Sequence[Any], model: type[BaseModel]) -> set[tuple[Any, .
         if detail["type"] == "extra_forbidden" and mapping in lacking:
             beside.setdefault(mapping, []).append(str(name))
     return {
-        (*mapping, near)
+        (*mapping, nearest(name, _keys(model, _named(mapping))))
         for mapping, names in beside.items()
         for name in names[:MISSPELT]
-        for near in difflib.get_close_matches(name.lower(), _keys(model, _named(mapping)), n=1, cutoff=0.6)
     }
 
 

@@ -15,7 +15,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from nhpocp.doubts import doubts
-from nhpocp.errors import InvalidProblemError, describe, one_line, refuse
+from nhpocp.errors import InvalidProblemError, describe, nearest, one_line, refuse
 from nhpocp.problem import PlanningProblem
 from nhpocp.problem_file import document as documents
 from nhpocp.problem_file.building import assembled, build_solvers, via_order
@@ -237,6 +237,8 @@ def _beyond(raw: dict[str, Any], wrong: Sequence[InvalidProblemError]) -> list[I
     kept: dict[str, Any] = {"nhpocp": 1}
     blocks = {tuple(re.split(r"[.[]", error.path or "")[:2]) for error in wrong}
     bad = {first for first, *_ in blocks}
+    misspelt = [error.word for error in wrong if error.word and error.word == error.path]
+    obstacles_read = "obstacles" not in bad and not nearest("obstacles", misspelt)
     for name, block in raw.items():
         if name not in bad:
             kept[name] = block
@@ -246,16 +248,16 @@ def _beyond(raw: dict[str, Any], wrong: Sequence[InvalidProblemError]) -> list[I
         return []
     try:
         data, system = _validated(kept)
-        _assembled(data, system)
+        _assembled(data, system, obstacles_read)
     except InvalidProblemError as error:
         return [error, *error.others]
     return []
 
 
-def _assembled(data: ProblemData, system: System) -> PlanningProblem:
+def _assembled(data: ProblemData, system: System, obstacles_read: bool = True) -> PlanningProblem:
     """The problem without solvers; what foreign equations raise is their model's fault."""
     try:
-        return assembled(data, system)
+        return assembled(data, system, obstacles_read)
     except InvalidProblemError as error:
         order = via_order(data)
         for each in (error, *error.others):

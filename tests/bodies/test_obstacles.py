@@ -95,6 +95,24 @@ def test_what_is_no_obstacle_is_refused_at_its_place(changed, place, words):
     assert words in str(refused.value)
 
 
+@pytest.mark.parametrize(
+    "written",
+    [
+        "obstacles: [{disc: {centre: [3, 3], radius: -1}}]",
+        "obstacles: [{half_plane: {point: [3, 3], normal: [0, 0]}}]",
+        "obstacles: [{disk: {centre: [3, 3], radius: 1}}]",
+        "obstacles: {disc: {centre: [3, 3], radius: 1}}",
+        "obstacle: [{disc: {centre: [3, 3], radius: 1}}]",
+    ],
+)
+def test_obstacles_that_cannot_be_read_are_not_missed_by_distance(written):
+    with pytest.raises(nhpocp.InvalidProblemError) as refused:
+        read_text(f"{CAR}{written}\nconstraints: {{distance: 0.1, state: {{x: [9, 1]}}}}\n")
+    first, second = refused.value.each
+    assert first.path.startswith(written.partition(":")[0])
+    assert second.path == "constraints.state.x"
+
+
 PILLAR = "  - name: {}\n    capsule: {{from: [-12, -12, 20], to: [-12, 10, 26], radius: 2}}\n"
 
 
