@@ -9,10 +9,20 @@ from nhpocp.problem_file import control, settings
 from nhpocp.problem_file.schema import Constraints, Output, ProblemData
 from nhpocp.systems.system import System
 
+BOXES = "constraints.state."  # of quantities by name
 
-def homes(word: str, raw: Mapping[str, Any], system: System | None) -> list[str]:
-    """The whole paths at which ``word`` is a key of a file with this data; ``system``: None where it is unknown."""
-    return [path for path in paths(raw, system) if path.rpartition(".")[2] == word]
+
+def homes(word: str, place: str, raw: Mapping[str, Any], system: System | None) -> list[str]:
+    """The whole paths at which ``word`` is a key of a file with this data; ``system``: None where it is unknown.
+
+    ``place``: where it is none. Those in the same block come before all others; what stands in a list, such as an
+    obstacle, has keys of its own, and belongs at most among the constraints.
+    """
+    found = [path for path in paths(raw, system) if path.rpartition(".")[2] == word and path != place]
+    if "[" in place:
+        found = [path for path in found if path.startswith("constraints.")]
+    beside = [path for path in found if path.startswith(f"{place.partition('.')[0]}.")]
+    return beside or [path for path in found if not path.startswith(BOXES)]
 
 
 def paths(raw: Mapping[str, Any], system: System | None) -> Iterator[str]:
@@ -30,4 +40,5 @@ def paths(raw: Mapping[str, Any], system: System | None) -> Iterator[str]:
         yield from (f"system.{key}" for key in ("model", "preset", *system.declared))
         states = [block.name for block in system.state_space.blocks]
         yield from (f"{end}.{name}" for name in states for end in ("start", "goal"))
+        yield from (f"{BOXES}{name}" for name in states)
         yield from (f"goal.{block.name}" for block in system.pose_outputs)

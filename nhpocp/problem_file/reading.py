@@ -223,7 +223,7 @@ def _validated(raw: dict[str, Any]) -> tuple[ProblemData, System]:
         wrong += translate(error, ProblemData)
     for each in wrong:
         if each.word is not None:
-            each.elsewhere = [path for path in homes(each.word, raw, system) if path != each.path]
+            each.elsewhere = homes(each.word, each.path or "", raw, system)
     refuse(wrong)  # among them a system that is missing
     return data.model_copy(update={"system": block}), system
 

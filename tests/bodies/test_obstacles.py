@@ -77,6 +77,11 @@ def test_every_kind_is_read_written_and_drawn(numbers):
         ("sphere: {centre: [8, 0], radius: 3}", "6:22", "2"),
         ("sphere: {centre: [8, 0, 41], radius: -3}", "6:42", "not positive"),
         ("sphere: {centre: [8, 0, 41]}", "6:5", "radius"),
+        (
+            "box: {centre: [1, 1, 1], size: [1, 1, 1], orientation: 0}",
+            "6:47",
+            "expected one of centre, size, rpy",
+        ),
         ("half_space: {point: [0, 0, 0], normal: [0, 0, 0]}", "6:44", "zero vector"),
         ("disc: {centre: [8, 0], radius: 3}", "6:5", "in space; expected one of sphere"),
         ("mesh: {points: [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]]}", "6:20", "lie in a plane"),

@@ -362,6 +362,8 @@ def test_a_mistake_of_form_makes_none_of_meaning():
         ("position=[0,0,30]", "'start.position' or 'goal.position'"),
         ("solvers.jacobian.intervals=3", "'solvers.nlp.intervals'"),
         ("solvers.gamma=3", "'solvers.jacobian.gamma'"),
+        ("constraints.position=[0,3]", "'constraints.state.position'"),
+        ("obstacles=[{distance: 3}]", "'constraints.distance'"),
     ],
 )
 def test_a_key_without_its_blocks_is_told_where_it_belongs(override, whole):
