@@ -308,7 +308,7 @@ def _checked(kind: Kind, name: str, value: Any, called: str) -> Any:
         return number
     if entry.kind == "places":
         if not isinstance(value, list | tuple) or len(value) < kind.dimension + 1:
-            words = f"expected a list of {kind.dimension + 1} or more points, got {describe(value)}"
+            words = f"{describe(value)}; expected {kind.dimension + 1} or more points"
             raise InvalidProblemError(words, path=path)
         return tuple(_vector(each, kind.dimension, f"{path}[{i}]") for i, each in enumerate(value))
     numbers = _vector(value, 3 if entry.kind == "angles" else kind.dimension, path)

@@ -32,6 +32,24 @@ class Checked:
         return dict(self.schema)
 
 
+class AtLeast:
+    """Annotation of a list: so many items or more. A `Field` with min_length alone would name one length."""
+
+    def __init__(self, count: int, items: str) -> None:
+        self.count, self.items = count, items
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> CoreSchema:
+        return core_schema.no_info_after_validator_function(self._validated, handler(source))
+
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: Any) -> dict[str, Any]:
+        return {**handler(schema), "minItems": self.count}
+
+    def _validated(self, value: list[Any]) -> list[Any]:
+        if len(value) < self.count:
+            raise ValueError(f"a list of {len(value)}; expected {self.count} or more {self.items}")
+        return value
+
+
 class Choice:
     """Annotation of a field: one of these names, those of a `Family` say."""
 

@@ -12,7 +12,7 @@ from pydantic import Field, create_model
 from nhpocp.bodies.obstacles import KINDS, Entry, Kind
 from nhpocp.bodies.stl import convex_corners
 from nhpocp.errors import InvalidProblemError
-from nhpocp.problem_file.numbers import Number, Positive
+from nhpocp.problem_file.numbers import AtLeast, Number, Positive
 from nhpocp.problem_file.states import Strict, Vector3
 
 Vector2 = Annotated[list[Number], Field(min_length=2, max_length=2)]
@@ -28,7 +28,7 @@ def _annotation(kind: Kind, entry: Entry) -> Any:
         "sizes": Sizes[kind.dimension],
         "angles": Vector3,
         "angle": Number,
-        "places": Annotated[list[vector], Field(min_length=kind.dimension + 1)],
+        "places": Annotated[list[vector], AtLeast(kind.dimension + 1, "points")],
         "file": str,
     }[entry.kind]
 

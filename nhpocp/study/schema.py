@@ -10,7 +10,7 @@ from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 from nhpocp.declared import LARGEST_COUNT
 from nhpocp.errors import InvalidProblemError, describe
 from nhpocp.objectives.registry import OBJECTIVES
-from nhpocp.problem_file.numbers import Checked, Choice, Count, Number, Whole
+from nhpocp.problem_file.numbers import AtLeast, Checked, Choice, Count, Number, Whole
 from nhpocp.problem_file.schema import Name, Text, Version
 from nhpocp.problem_file.states import Strict
 from nhpocp.written_numbers import parse_number
@@ -172,8 +172,8 @@ class OptimiseData(Strict):
         dict[str, Annotated[list[Any], Checked(_range, {"type": "array", "minItems": 2})]],
         BeforeValidator(_over),
     ] = Field(description="by the path of a problem's key: [least, most], or a list of choices")
-    objectives: Annotated[list[ObjectiveData], Field(min_length=1), BeforeValidator(_objectives)] = Field(
-        description="made least, or {max: NAME} greatest: costs, margins, speeds"
+    objectives: Annotated[list[ObjectiveData], AtLeast(1, "objectives"), BeforeValidator(_objectives)] = (
+        Field(description="made least, or {max: NAME} greatest: costs, margins, speeds")
     )
     trials: Count = Field(default=100, description="points that are proposed")
     batch: Count = Field(default=4, description="trials proposed at a time, for about as many workers")
@@ -190,7 +190,7 @@ class StudyData(Strict):
     axes: Annotated[dict[str, AxisData], BeforeValidator(_axes)] = Field(
         default_factory=dict, description="levels by the dotted path of a problem's key: a list, or a rule"
     )
-    solvers: Annotated[list[Text], Field(min_length=1), BeforeValidator(_solvers)] = Field(
+    solvers: Annotated[list[Text], AtLeast(1, "solvers"), BeforeValidator(_solvers)] = Field(
         default_factory=lambda: ["jacobian"], description='such as [jacobian, "nlp:initial=jacobian"]'
     )
     samples: Count = Field(default=16, description="of axes that are drawn")

@@ -116,7 +116,7 @@ WRONG = {
     "objectives: [{max: sigma_w}]": "study.optimise.objectives[0]: unknown objective 'sigma_w'; expected one of",
     "objectives: [{most: effort}]": "objectives[0]: expected a name such as effort, or {max: sigma_w}, got a mapping",
     "objectives: [effort, {max: effort}]": "objectives[1]: effort is an objective already; expected each once",
-    "objectives: []": "study.optimise.objectives: a list of 0; expected 1",
+    "objectives: []": "study.optimise.objectives: a list of 0; expected 1 or more objectives",
     "trails: 3": "study.optimise.trails: unknown key; did you mean 'trials'?",
     "trials: 0": "study.optimise.trials: 0 is out of range; expected a whole number from 1",
 }
