@@ -18,6 +18,9 @@ from nhpocp.written_numbers import numbers_in
 
 NAME = re.compile(r"\w([\w -]{0,38}\w)?")
 MOST_CORNERS = 64  # of a mesh: every edge of it meets every edge of every body, in each of an NLP's intervals
+FLAT = 1e-9  # [rad], and of a polygon's length: what is rounding
+CROSSED = "the sides cross; write the corners in order around the polygon"
+DENTED = "the polygon is not convex; write several convex ones, each with its corners in order"
 Value = Literal["place", "direction", "size", "sizes", "angles", "angle", "places", "file"]
 
 
@@ -70,17 +73,34 @@ def _convex(points: Any, file: Any) -> Hull:
 
 
 def _outline(corners: Any) -> Hull:
-    """A polygon around its corners. Errors: where it is not convex."""
+    """A polygon around its corners, of which those at one place count once, and those inside a side not at all.
+
+    Errors: where it is not convex.
+    """
     import numpy as np
 
-    sides = np.roll(corners, -1, axis=0) - corners
-    after = np.roll(sides, -1, axis=0)
-    turns = sides[:, 0] * after[:, 1] - sides[:, 1] * after[:, 0]
-    around = np.arctan2(turns, (sides * after).sum(axis=1)).sum()
-    if not ((turns > 0).all() or (turns < 0).all()) or abs(abs(around) - 2 * np.pi) > 1e-6:
-        words = "the polygon is not convex; write several convex ones, each with its corners in order"
-        raise InvalidProblemError(words, path="corners")
-    return polygon(list(corners))
+    length, width = np.linalg.svd(corners - corners.mean(axis=0), compute_uv=False)
+    if width <= FLAT * length:
+        raise InvalidProblemError("the corners lie on one line, and bound no area", path="corners")
+    apart = np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1)
+    around = corners[apart > FLAT * length]
+    around = around[np.abs(_turns(around)) > FLAT]
+    turns = _turns(around)
+    if not ((turns > 0).all() or (turns < 0).all()):
+        crossed = len(hull_of(around).corners) == len(np.unique(around, axis=0))
+        raise InvalidProblemError(CROSSED if crossed else DENTED, path="corners")
+    if abs(abs(turns.sum()) - 2 * np.pi) > 1e-6:  # more than once around
+        raise InvalidProblemError(CROSSED, path="corners")
+    return polygon(list(around))
+
+
+def _turns(corners: Any) -> Any:
+    """By which angle the sides of a polygon turn at each corner, from -π to π."""
+    import numpy as np
+
+    before, after = corners - np.roll(corners, 1, axis=0), np.roll(corners, -1, axis=0) - corners
+    crosses = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
+    return np.arctan2(crosses, (before * after).sum(axis=1))
 
 
 def _half(point: Any, normal: Any) -> HalfSpace:

@@ -154,10 +154,45 @@ def test_two_obstacles_of_one_name_are_refused():
         read_text(f"{ROBOT}obstacles:\n{2 * PILLAR.format('pillar')}")
 
 
-def test_a_polygon_with_a_dent_and_a_system_without_bodies_are_refused():
-    dent = "obstacles: [{polygon: {corners: [[0, 0], [4, 0], [4, 4], [3, 1]]}}]\n"
-    with pytest.raises(nhpocp.InvalidProblemError, match=r"obstacles\[0\]\.polygon\.corners: .*not convex"):
-        read_text(CAR + dent)
+@pytest.mark.parametrize(
+    "corners",
+    [
+        [[0, 0], [4, 0], [4, 4], [0, 4], [0, 0]],
+        [[0, 0], [4, 0], [4, 0], [4, 4], [0, 4]],
+        [[0, 0], [0.1, 0.03], [0.3, 0.09], [3, 0.9], [2.1, 3.9], [-0.9, 3]],
+        [[0, 4], [4, 4], [4, 2], [4, 1], [4, 0], [0, 0], [0, 0]],
+    ],
+)
+def test_corners_given_twice_or_inside_a_side_do_no_harm(corners):
+    shape = nhpocp.Obstacle("polygon", {"corners": corners}).shape
+    assert len(shape.corners) == 4
+    assert {tuple(corner) for corner in shape.corners} <= {tuple(corner) for corner in corners}
+
+
+@pytest.mark.parametrize(
+    ("corners", "words"),
+    [
+        ([[0, 0], [4, 0], [4, 4], [3, 1]], "not convex; write several"),
+        ([[0, 0], [4, 0], [4, 4], [3, 1], [0, 0]], "not convex; write several"),
+        ([[0, 0], [4, 4], [4, 0], [0, 4]], "the sides cross; write the corners in order"),
+        ([[0, 0], [4, 0], [0, 4], [4, 0]], "the sides cross; write the corners in order"),
+        ([[0, 3], [-2, -2], [3, 1], [-3, 1], [2, -2]], "the sides cross; write the corners in order"),
+        ([[0, 0], [0.1, 0.03], [0.3, 0.09]], "the corners lie on one line"),
+        ([[0, 0], [3, 0], [1, 0], [2, 0]], "the corners lie on one line"),
+        ([[1, 1], [1, 1], [1, 1]], "the corners lie on one line"),
+        ([[0, 0], [4, 0]], "a list of 2; expected 3 or more points"),
+    ],
+)
+def test_what_bounds_no_convex_polygon_is_refused_with_its_cause(corners, words):
+    with pytest.raises(nhpocp.InvalidProblemError, match=r"obstacles\[0\]\.polygon\.corners: ") as refused:
+        read_text(f"{CAR}obstacles: [{{polygon: {{corners: {corners}}}}}]\n")
+    assert words in refused.value.message
+    with pytest.raises(nhpocp.InvalidProblemError, match=r"polygon\.corners: ") as refused:
+        nhpocp.Obstacle("polygon", {"corners": corners})
+    assert words in refused.value.message
+
+
+def test_obstacles_and_distances_of_a_system_without_bodies_are_refused():
     with pytest.raises(nhpocp.InvalidProblemError, match="heisenberg has no bodies"):
         nhpocp.PlanningProblem(
             system=nhpocp.Heisenberg(),
