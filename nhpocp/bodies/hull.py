@@ -13,6 +13,8 @@ from typing import Any
 from nhpocp.arrays import Array, namespace
 
 Pair = tuple[int, int]
+MOST_CORNERS = 64  # of an obstacle: its edges meet those of every body, in each of an NLP's intervals
+PLANAR = "the points lie in a plane, and bound no body"
 TINY = 1e-100  # keeps square roots and quotients, and two derivatives, finite where they do not count
 
 
@@ -111,20 +113,34 @@ def prism(outline: Sequence[Array], half: Array) -> Hull:
     return Hull(tuple(corners), 3, edges, faces, (*around, (0, count)), (0, *range(2, 2 + count)))
 
 
+def few_corners(points: Any) -> Array:
+    """The corners (n, 3) of the convex hull of points with numbers.
+
+    Errors: `ValueError` where they lie in a plane, or are more than `MOST_CORNERS`.
+    """
+    import numpy as np
+
+    sizes = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    if sizes[-1] <= 1e-9 * sizes[0]:
+        raise ValueError(PLANAR)
+    corners: Array = points[_qhull(points).vertices]
+    if len(corners) > MOST_CORNERS:
+        raise ValueError(
+            f"the convex hull has {len(corners)} corners; at most {MOST_CORNERS} can be kept clear of. Export a "
+            "coarser mesh"
+        )
+    return corners
+
+
 def polyhedron(points: Any, radius: float = 0.0) -> Hull:
     """The convex hull of points with numbers, (n, 3).
 
     Errors: `ValueError` where they lie in a plane.
     """
     import numpy as np
-    from scipy.spatial import ConvexHull, QhullError
 
     points = np.asarray(points, dtype=float)
-    middle, size = points.mean(axis=0), np.ptp(points, axis=0).max()
-    try:
-        hull = ConvexHull((points - middle) / (size or 1.0))
-    except QhullError:
-        raise ValueError("the points lie in a plane, and bound no body") from None
+    hull = _qhull(points)
     used = {int(old): new for new, old in enumerate(hull.vertices)}
     planes: list[Array] = []
     members: list[set[int]] = []
@@ -146,6 +162,18 @@ def polyhedron(points: Any, radius: float = 0.0) -> Hull:
     directions = tuple(edges[k] for k in _unlike(lines))
     sides = tuple(_unlike(np.array(planes)[:, :3]))
     return Hull(tuple(corners), 3, edges, faces, directions, sides, radius)
+
+
+def _qhull(points: Array) -> Any:
+    """SciPy's hull of points about their middle, divided by their size."""
+    import numpy as np
+    from scipy.spatial import ConvexHull, QhullError
+
+    middle, size = points.mean(axis=0), np.ptp(points, axis=0).max()
+    try:
+        return ConvexHull((points - middle) / (size or 1.0))
+    except QhullError:
+        raise ValueError(PLANAR) from None
 
 
 def hull_of(points: Any, thickness: float = 0.0) -> Hull:

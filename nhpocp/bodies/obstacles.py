@@ -7,17 +7,19 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import hypot
+from os import PathLike
+from pathlib import Path
 from typing import Any, Literal
 
 from nhpocp import so3
-from nhpocp.bodies.hull import HalfSpace, Hull, ball, box, capsule, hull_of, polygon
+from nhpocp.bodies.hull import HalfSpace, Hull, ball, box, capsule, few_corners, hull_of, polygon, polyhedron
+from nhpocp.bodies.stl import convex_corners
 from nhpocp.declared import real
-from nhpocp.errors import InvalidProblemError, describe, refuse
+from nhpocp.errors import InvalidProblemError, describe, expect, refuse
 from nhpocp.frozen import ByValue, Frozen
 from nhpocp.written_numbers import numbers_in
 
 NAME = re.compile(r"\w([\w -]{0,38}\w)?")
-MOST_CORNERS = 64  # of a mesh: every edge of it meets every edge of every body, in each of an NLP's intervals
 FLAT = 1e-9  # [rad], and of a polygon's length: what is rounding
 CROSSED = "the sides cross; write the corners in order around the polygon"
 DENTED = "the polygon is not convex; write several convex ones, each with its corners in order"
@@ -60,16 +62,10 @@ def _bar(start: Any, end: Any, radius: float) -> Hull:
 
 
 def _convex(points: Any, file: Any) -> Hull:
-    hull = hull_of(points)
-    if hull.rank < 3:
-        raise InvalidProblemError("the points lie in a plane, and bound no body", path="points")
-    if len(hull.corners) > MOST_CORNERS:
-        words = (
-            f"the convex hull has {len(hull.corners)} corners; at most {MOST_CORNERS} can be kept clear of. "
-            "Export a coarser mesh"
-        )
-        raise InvalidProblemError(words, path="points")
-    return hull
+    try:
+        return polyhedron(few_corners(points))
+    except ValueError as error:
+        raise InvalidProblemError(str(error), path="points") from None
 
 
 def _outline(corners: Any) -> Hull:
@@ -166,7 +162,7 @@ class Obstacle(ByValue, Frozen):
 
     kind: in space sphere, capsule, box, half_space or mesh, in the plane disc, rectangle, polygon or half_plane.
     entries: its place and size [length], angles [rad], by the names that a file has for them. name: in messages; none:
-    the kind, and in a problem its number among those of that kind.
+    the kind, and in a problem its number among those of that kind. The file of a mesh is read at once.
     Errors: `InvalidProblemError` for a kind, or an entry, that is none.
     """
 
@@ -188,13 +184,15 @@ class Obstacle(ByValue, Frozen):
         for name, entry in kind.entries.items():
             if entry.needed and name not in self.entries:
                 raise InvalidProblemError(f"missing; {entry.meaning}", path=f"{self.kind}.{name}")
-        if self.kind == "mesh" and "points" not in self.entries:
+        if self.kind == "mesh" and not self.entries:
             raise InvalidProblemError("missing; or file, an STL file", path="mesh.points")
         given = {
             name: _checked(kind, name, self.entries[name], self.kind)
             for name in kind.entries
             if name in self.entries
         }
+        if self.kind == "mesh" and "points" not in given:
+            given["points"] = _corners_in(given["file"])
         object.__setattr__(self, "entries", given)
         object.__setattr__(self, "name", self.name or self.kind)
         try:
@@ -315,6 +313,7 @@ def _checked(kind: Kind, name: str, value: Any, called: str) -> Any:
     """An entry as plain numbers."""
     path, entry = f"{called}.{name}", kind.entries[name]
     if entry.kind == "file":
+        expect(value, (str, PathLike), "the name of an STL file", path)
         return str(value)
     value = value.tolist() if hasattr(value, "tolist") else value
     try:
@@ -348,6 +347,15 @@ def _vector(value: Any, size: int, path: str) -> tuple[float, ...]:
     if len(value) != size:
         raise InvalidProblemError(f"{len(value)} numbers; expected {size}", path=path)
     return tuple(float(real(number, path)) for number in value)
+
+
+def _corners_in(file: str) -> tuple[tuple[float, ...], ...]:
+    """The corners of the mesh in an STL file, as an entry."""
+    try:
+        corners = convex_corners(Path(file))
+    except InvalidProblemError as error:
+        raise error.under("mesh.file") from None
+    return tuple(tuple(corner) for corner in corners.tolist())
 
 
 def _listed(value: Any) -> Any:

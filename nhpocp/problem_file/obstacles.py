@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import Field, create_model
 
-from nhpocp.bodies.obstacles import KINDS, Entry, Kind
-from nhpocp.bodies.stl import convex_corners
+from nhpocp.bodies.obstacles import KINDS, Entry, Kind, Obstacle
 from nhpocp.errors import InvalidProblemError
 from nhpocp.problem_file.numbers import AtLeast, Number, Positive
 from nhpocp.problem_file.states import Strict, Vector3
@@ -76,7 +75,7 @@ def plain_obstacles(given: Sequence[ObstacleData]) -> list[dict[str, Any]]:
 def corners_of_meshes(data: Any, beside: FilePath | None) -> list[str]:
     """Overrides that write the corners of meshes into a file's data: a folder of results then needs no other file.
 
-    Errors: `InvalidProblemError` for a mesh that cannot be read, or is not convex.
+    Errors: `InvalidProblemError` for a mesh that cannot be read, or is none to keep clear of.
     """
     overrides = []
     obstacles = data.get("obstacles") if isinstance(data, Mapping) else None
@@ -86,8 +85,8 @@ def corners_of_meshes(data: Any, beside: FilePath | None) -> list[str]:
             continue
         folder = beside.parent if beside is not None else FilePath()
         try:
-            corners = convex_corners(folder / mesh["file"])
+            corners = Obstacle("mesh", {"file": folder / mesh["file"]}).entries["points"]
         except InvalidProblemError as error:
-            raise InvalidProblemError(error.message, path=f"obstacles[{i}].mesh.file") from None
-        overrides.append(f"obstacles[{i}].mesh.points={json.dumps(corners.tolist())}")
+            raise error.under(f"obstacles[{i}]") from None
+        overrides.append(f"obstacles[{i}].mesh.points={json.dumps(corners)}")
     return overrides

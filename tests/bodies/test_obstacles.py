@@ -230,15 +230,49 @@ def test_a_mesh_beside_the_problem_goes_into_the_folder(tmp_path, text):
     assert "# a part" in problem.source
 
 
-def test_a_mesh_with_a_dent_is_refused(tmp_path):
-    corners = np.array([[0, 0, 0], [4, 0, 0], [0, 4, 0], [0, 0, 4], [1, 1, 1]], dtype=float)
-    faces = [(0, 1, 2), (0, 1, 3), (0, 2, 3), (4, 1, 2), (4, 1, 3), (4, 2, 3)]
-    lines = "".join(f"vertex {' '.join(map(str, corners[i]))}\n" for face in faces for i in face)
-    (tmp_path / "dent.stl").write_text(lines)
+def test_a_mesh_is_read_in_python_as_beside_a_file(tmp_path, monkeypatch):
+    tetrahedron(tmp_path / "part.stl", text=True)
+    (tmp_path / "p.yaml").write_text(f"{ROBOT}obstacles: [{{mesh: {{file: part.stl}}}}]\n")
+    read = nhpocp.load_problem(tmp_path / "p.yaml").obstacles[0]
+    problem = parse_problem(ROBOT)
+    for name in (tmp_path / "part.stl", str(tmp_path / "part.stl")):
+        obstacle = nhpocp.Obstacle("mesh", {"file": name})
+        (made,) = problem.with_(obstacles=[{"mesh": {"file": name}}]).obstacles
+        assert made.entries == obstacle.entries
+        assert made.entries["points"] == read.entries["points"]
+    monkeypatch.chdir(tmp_path)
+    near = problem.with_(obstacles=[nhpocp.Obstacle("mesh", {"file": "part.stl"})])
+    (tmp_path / "part.stl").unlink()
+    assert near.obstacles == (read,) == parse_problem(dump_problem(near)).obstacles
+    with pytest.raises(
+        nhpocp.InvalidProblemError, match=r"obstacles\[0\]\.mesh\.file: cannot read part\.stl"
+    ):
+        problem.with_(obstacles=[{"mesh": {"file": "part.stl"}}])
+    with pytest.raises(nhpocp.InvalidProblemError, match=r"mesh\.file: expected the name of an STL file"):
+        nhpocp.Obstacle("mesh", {"file": 3})
+
+
+def no_body(name):
+    """Triangles: of a body with a dent, or of one with too many corners."""
+    if name == "dent":
+        corners = np.array([[0, 0, 0], [4, 0, 0], [0, 4, 0], [0, 0, 4], [1, 1, 1]], dtype=float)
+        return [
+            corners[list(face)] for face in ((0, 1, 2), (0, 1, 3), (0, 2, 3), (4, 1, 2), (4, 1, 3), (4, 2, 3))
+        ]
+    points = np.random.default_rng(1).normal(size=(9000, 3))
+    return (points / np.linalg.norm(points, axis=1, keepdims=True)).reshape(-1, 3, 3)
+
+
+@pytest.mark.parametrize(("name", "words"), [("dent", "the mesh is not convex"), ("ball", "9000 corners")])
+def test_a_mesh_that_is_no_obstacle_is_refused_with_its_file(name, words, tmp_path):
+    lines = [f"vertex {' '.join(map(str, corner))}\n" for triangle in no_body(name) for corner in triangle]
+    (tmp_path / f"{name}.stl").write_text("".join(lines))
     file = tmp_path / "p.yaml"
-    file.write_text(f"{ROBOT}obstacles: [{{mesh: {{file: dent.stl}}}}]\n")
-    with pytest.raises(nhpocp.InvalidProblemError, match=r"mesh\.file: .*not convex"):
+    file.write_text(f"{ROBOT}obstacles: [{{mesh: {{file: {name}.stl}}}}]\n")
+    with pytest.raises(nhpocp.InvalidProblemError, match=rf"mesh\.file: .*{name}\.stl: .*{words}"):
         nhpocp.load_problem(file)
+    with pytest.raises(nhpocp.InvalidProblemError, match=rf"mesh\.file: .*{name}\.stl: .*{words}"):
+        nhpocp.Obstacle("mesh", {"file": tmp_path / f"{name}.stl"})
 
 
 @pytest.mark.parametrize("model", SYSTEMS.lines)
