@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 
 from nhpocp.constraints.bound import Bound
-from nhpocp.errors import InvalidProblemError
+from nhpocp.errors import InvalidProblemError, refuse
 from nhpocp.systems.system import System
 
 # what may stand behind the key: a number ≥ 0; [lo, hi], null for an open side; a number or one pair per input;
@@ -21,19 +21,29 @@ Side = Literal["min", "max"]
 class ConstraintKind(ABC):
     """A key, what it means, and how its value becomes bounds and is made of them again.
 
-    Labels of its bounds are the key, or begin with it and a dot. example: what `nhpocp init` shows. side: the one that
-    a single number is, which {max: …} or {min: …} says as well.
+    Labels of its bounds are the key, or begin with it and a dot. names: those that pairs by name may have, where they
+    are the same for every system. example: what `nhpocp init` shows. side: the one that a single number is, which
+    {max: …} or {min: …} says as well.
     """
 
     key: ClassVar[str]
     meaning: ClassVar[str]
     shape: ClassVar[Shape]
+    names: ClassVar[tuple[str, ...]] = ()
     example: ClassVar[Any] = None
     side: ClassVar[Side] = "max"
 
     def lacking(self, system: System) -> str:
         """What a system lacks for which the key makes no sense, in words; empty where it does."""
         return ""
+
+    def refuse_unknown(self, value: Any) -> None:
+        """Errors: `InvalidProblemError` for every name in a value of whatever shape that is none of the ``names``."""
+        given = value if self.names and isinstance(value, Mapping) else {}
+        unknown = [str(name) for name in given if name not in self.names]
+        refuse(
+            [InvalidProblemError("unknown key", path=name, word=name, known=self.names) for name in unknown]
+        )
 
     def misfit(self, value: Any, system: System) -> str:
         """What is wrong with a value of the right shape for a system; empty where nothing is."""

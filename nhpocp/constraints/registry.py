@@ -46,20 +46,27 @@ def bounds_of(given: Mapping[str, Any], system: System) -> list[Bound]:
         if key not in KINDS:
             wrong.append(InvalidProblemError("unknown key", path=path, word=str(key), known=KINDS))
             continue
-        kind = KINDS[key]
         try:
-            value = as_written(value, kind.shape, kind.side)
+            bounds += _asked(KINDS[key], value, system)
         except InvalidProblemError as error:
-            wrong.append(error.under(path))
-            continue
-        if words := kind.lacking(system):
-            wrong.append(InvalidProblemError(words, path=path, at_key=True))
-        elif words := kind.misfit(value, system):
-            wrong.append(InvalidProblemError(words, path=path))
-        else:
-            bounds += [_as_said(bound, value) for bound in kind.bounds(value, system)]
+            wrong += [each.under(path) for each in (error, *error.others)]
     refuse(wrong)
     return bounds
+
+
+def _asked(kind: ConstraintKind, value: Any, system: System) -> list[Bound]:
+    """What the value of one kind asks for. Errors: as `bounds_of`, their paths inside the value."""
+    if words := kind.lacking(system):
+        raise InvalidProblemError(words, at_key=True)
+    if kind.names and isinstance(value, Mapping):
+        unknown = [str(name) for name in value if name not in kind.names]
+        refuse(
+            [InvalidProblemError("unknown key", path=name, word=name, known=kind.names) for name in unknown]
+        )
+    value = as_written(value, kind.shape, kind.side)
+    if words := kind.misfit(value, system):
+        raise InvalidProblemError(words)
+    return [_as_said(bound, value) for bound in kind.bounds(value, system)]
 
 
 def _as_said(bound: Bound, value: Any) -> Bound:

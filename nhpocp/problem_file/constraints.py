@@ -104,7 +104,14 @@ _SIZES = {
 def _annotation(kind: ConstraintKind) -> Any:
     if kind.shape == "number":
         return _SIZES[kind.side]
-    return {"pair": Pair, "number or pairs": ControlBound, "pairs by name": dict[str, StateBound]}[kind.shape]
+    if kind.shape == "pairs by name":
+
+        def named(value: Any) -> Any:
+            kind.refuse_unknown(value)
+            return value
+
+        return Annotated[dict[str, StateBound], BeforeValidator(named)]
+    return {"pair": Pair, "number or pairs": ControlBound}[kind.shape]
 
 
 def _plain(value: Any) -> Any:

@@ -30,8 +30,14 @@ def test_a_file_bounds_an_angle_of_every_leg_and_is_written_again():
 
 
 def test_what_it_does_not_know_is_refused_at_its_place():
-    with pytest.raises(InvalidProblemError, match="unknown angle 'theta5'"):
-        read_text(TEXT + "constraints: {joint_angle: {theta5: [-1, 1]}}\n")
+    for value in ("[-1, 1]", "3"):  # the name comes before the form
+        with pytest.raises(InvalidProblemError) as refused:
+            read_text(TEXT + f"constraints: {{joint_angle: {{kone: {value}}}}}\n")
+        told = "constraints.joint_angle.kone: unknown key; did you mean 'cone'?"
+        assert [str(each).partition(": ")[2] for each in refused.value.each] == [told]
+        with pytest.raises(InvalidProblemError) as refused:
+            paper_problem(bounds={"joint_angle": {"kone": value}})
+        assert str(refused.value) == told
     with pytest.raises(InvalidProblemError, match="unicycle has no joint angles"):
         read_text(
             "nhpocp: 1\nsystem: {model: unicycle}\nstart: {x: 0, y: 0, theta: 0}\ngoal: {x: 1, y: 1, theta: 0}\n"

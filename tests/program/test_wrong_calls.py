@@ -185,7 +185,7 @@ CALLS = [  # what is written, and what the answer says
     ),
     (lambda _: problem(bounds={"leg_length": [60, 20]}), "lower bound 60 is above upper bound 20"),
     (lambda _: problem(bounds={"leg_speed": -1}), "constraints.leg_speed: -1 is negative"),
-    (lambda _: problem(bounds={"joint_angle": {"theta9": [0, 1]}}), "unknown angle 'theta9'"),
+    (lambda _: problem(bounds={"joint_angle": {"theta9": [0, 1]}}), "joint_angle.theta9: unknown key"),
     (
         lambda _: problem(bounds=Bound("a", "u", 0, 1)),
         "a mapping such as {'leg_length': [20, 60]}, got a Bound",
