@@ -22,6 +22,7 @@ from nhpocp.systems.margins import Margin, margin
 from nhpocp.systems.system import System
 
 RELATIVE = 1e-3  # of its size, by which a limit may be passed
+ROUNDING = 1e-12  # of a limit's size
 
 
 @dataclass(frozen=True, eq=False)
@@ -235,7 +236,9 @@ class BoundReport:
         return f"{self.describe()} by {self.bound.figure(self.worst, '.3g')}"
 
     def value_words(self) -> str:
-        return self.bound.figure(self.value, ".4g")
+        """The value in words; what is rounding beside its limit is 0."""
+        rounding = abs(self.value) < ROUNDING * self.bound.size(self.component, self.value)
+        return self.bound.figure(0.0 if rounding else self.value, ".4g")
 
     def limit_words(self) -> str:
         """Which limits the value should have kept: "outside [20, 60]", "below 0.05"."""

@@ -70,3 +70,12 @@ def test_what_was_written_in_degrees_is_told_in_degrees(written, told):
     assert ("112.6 deg" in message or " deg, above" in message) == ("deg" in written)
     in_python = paper_problem(bounds={"joint_angle": {"theta3": {"max": 15 * nhpocp.deg}}})
     assert "above 15 deg" in nhpocp.solve(in_python).message
+
+
+def test_rounding_is_told_as_zero():
+    """At the start a leg is at its direction there, but for rounding."""
+    file = read_text(TEXT + "constraints: {joint_angle: {cone: [12 deg, 40 deg]}}\n")
+    assert (
+        "start: joint_angle.cone[0] is 0 deg, outside [12 deg, 40 deg]; no plan can begin there"
+        in file.warnings
+    )
