@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from math import pi
+from collections.abc import Iterable, Iterator, Mapping
+from math import inf, pi
 from typing import Any
 
 import numpy as np
 
+from nhpocp.bodies.obstacles import KINDS
+from nhpocp.constraints.registry import part_of
+from nhpocp.declared import Degrees
 from nhpocp.errors import InvalidProblemError
 from nhpocp.foreseen import broken_poses, other_side, singular_goal, singular_pose
 from nhpocp.pace import too_far
+from nhpocp.poses import goal_blocks
 from nhpocp.problem import PlanningProblem
 from nhpocp.scales import coarse
-from nhpocp.systems.system import DISTANCE, System
+from nhpocp.systems.system import DISTANCE
 from nhpocp.via import Via
 
 TURN = 2 * pi
 # turns above which an angle is doubted; coordinates such as a wheel's count theirs
-ORIENTATION, COORDINATE = 1, 5
+ORIENTATION, COORDINATE, LIMIT = 1, 5, 1
 
 
 def doubts(
@@ -61,49 +65,76 @@ def doubts(
     poses = [start, *(via.goal for via in problem.via), goal]
     if words := coarse(problem.scales, poses, problem.error_length, tolerance):
         yield InvalidProblemError(words, path="error_length", at_key=True)
-    yield from _probable_degrees(written, problem.system, "{:g} deg" if file else "{:g} * nhpocp.deg")
+    degrees = "{:g} deg" if file is not None else "{:g} * nhpocp.deg"
+    yield from _probable_degrees(_angles(written, problem), degrees)
     if problem.objective == "time" and not problem.horizon.free:
         words = "time is fixed by horizon; write horizon: {min: …, max: …} to free it"
         yield InvalidProblemError(words, path="objective", at_key=True)
 
 
 def _in_python(problem: PlanningProblem) -> dict[str, Any]:
-    """What the maker of a problem wrote, as a file would have it."""
+    """What the maker of a problem wrote, as a file would have it, limits by the labels of their bounds."""
     vias = [{"at": via.share, **via.goal} if isinstance(via, Via) else via for via in problem.written["via"]]
-    return {"system": problem.system.parameters(), **problem.written, "via": vias}
+    limits = {bound.label: [bound.lower, bound.upper] for bound in problem.bounds if not bound.degrees}
+    obstacles = [obstacle.as_data() for obstacle in problem.obstacles]
+    system = problem.system.parameters()
+    return {"system": system, **problem.written, "via": vias, "constraints": limits, "obstacles": obstacles}
 
 
 def _probable_degrees(
-    written: Mapping[str, Any], system: System, degrees: str
+    angles: Iterable[tuple[str, Any, float]], degrees: str
 ) -> Iterator[InvalidProblemError]:
     """Angles that are plain numbers too large for radians: many turns are seldom meant."""
-    for path, value, turns in _angles(written, system):
-        plain = isinstance(value, int | float) and not isinstance(value, bool)
-        if plain and abs(value) > turns * TURN:
-            words = f"{value:g} radians are {abs(value) / TURN:.3g} turns; if degrees are meant, write "
-            yield InvalidProblemError(words + degrees.format(value), path=path)
+    for written_at, written, turns in angles:
+        for path, value in _entries(written, written_at):
+            plain = isinstance(value, int | float) and not isinstance(value, bool | Degrees)
+            if plain and turns * TURN < abs(value) < inf:
+                words = f"{value:g} radians are {abs(value) / TURN:.3g} turns; if degrees are meant, write "
+                yield InvalidProblemError(words + degrees.format(value), path=path)
 
 
-def _angles(written: Mapping[str, Any], system: System) -> Iterator[tuple[str, Any, float]]:
-    block = written["system"]
+def _angles(written: Mapping[str, Any], problem: PlanningProblem) -> Iterator[tuple[str, Any, float]]:
+    """Each angle, or several, with its path and the turns above which it is doubted."""
+    system, block = problem.system, written["system"]
     for name, parameter in system.declared.items():
         if parameter.unit == "angle" and name in block:
             yield f"system.{name}", block[name], ORIENTATION
     poses = [("start", written["start"]), ("goal", written["goal"])]
     poses += [(f"via[{i}]", via) for i, via in enumerate(written.get("via") or ())]
     for path, pose in poses:
-        for part in system.state_space.blocks:
+        for part in goal_blocks(system):
             value = pose.get(part.name)
             if part.kind == "rotation" and isinstance(value, Mapping):
                 for name in ("rpy", "rotvec"):
-                    for i, angle in enumerate(_listed(value.get(name))):
-                        yield f"{path}.{part.name}.{name}[{i}]", angle, ORIENTATION
+                    yield f"{path}.{part.name}.{name}", value.get(name), ORIENTATION
             elif part.unit == "angle" and part.kind != "rotation":
-                for i, angle in enumerate(_listed(value)):
-                    place = f"[{i}]" if part.kind == "vector" else ""
-                    yield f"{path}.{part.name}{place}", angle, COORDINATE
+                yield f"{path}.{part.name}", value, COORDINATE
+    angles = [
+        b.name for kind, b in problem.quantities if kind != "input" and b.unit == "angle" and not b.rate
+    ]
+    limits = written.get("constraints") or {}
+    for label in (bound.label for bound in problem.bounds if bound.quantity in angles):
+        key = label.partition(".")[0]
+        yield (
+            f"constraints.{label}",
+            limits[label] if label in limits else part_of(limits.get(key), label),
+            LIMIT,
+        )
+    for i, each in enumerate(written.get("obstacles") or ()):
+        kind = problem.obstacles[i].kind
+        for name, entry in KINDS[kind].entries.items():
+            if entry.kind in ("angle", "angles"):
+                yield f"obstacles[{i}].{kind}.{name}", each[kind].get(name), ORIENTATION
 
 
-def _listed(value: Any) -> Sequence[Any]:
+def _entries(value: Any, path: str) -> Iterator[tuple[str, Any]]:
+    """Every entry of nested lists and mappings, with its path."""
     value = value.tolist() if hasattr(value, "tolist") else value
-    return value if isinstance(value, list | tuple) else [] if value is None else [value]
+    if isinstance(value, Mapping):
+        for name, part in value.items():
+            yield from _entries(part, f"{path}.{name}")
+    elif isinstance(value, list | tuple):
+        for i, part in enumerate(value):
+            yield from _entries(part, f"{path}[{i}]")
+    else:
+        yield path, value

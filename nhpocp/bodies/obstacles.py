@@ -321,7 +321,7 @@ def _checked(kind: Kind, name: str, value: Any, called: str) -> Any:
     except ValueError as error:
         raise InvalidProblemError(str(error), path=path) from None
     if entry.kind in ("size", "angle"):
-        number = float(real(value, path))
+        number = real(value, path)
         if entry.kind == "size" and not number > 0:
             raise InvalidProblemError(f"{number:g}; expected a length > 0", path=path)
         return number
@@ -346,7 +346,7 @@ def _vector(value: Any, size: int, path: str) -> tuple[float, ...]:
         raise InvalidProblemError(f"expected {size} numbers, got {describe(value)}", path=path)
     if len(value) != size:
         raise InvalidProblemError(f"{len(value)} numbers; expected {size}", path=path)
-    return tuple(float(real(number, path)) for number in value)
+    return tuple(real(number, path) for number in value)
 
 
 def _corners_in(file: str) -> tuple[tuple[float, ...], ...]:

@@ -71,8 +71,12 @@ def _asked(kind: ConstraintKind, value: Any, system: System) -> list[Bound]:
 
 def _as_said(bound: Bound, value: Any) -> Bound:
     """A bound that is told in degrees if its part of a kind's value was written so."""
-    own = value.get(bound.label.partition(".")[2], value) if isinstance(value, dict) else value
-    return replace(bound, degrees=True) if in_degrees(own) else bound
+    return replace(bound, degrees=True) if in_degrees(part_of(value, bound.label)) else bound
+
+
+def part_of(value: Any, label: str) -> Any:
+    """What of a kind's value a bound with this label stands for."""
+    return value.get(label.partition(".")[2], value) if isinstance(value, dict) else value
 
 
 def block_of(bounds: Sequence[Bound], system: System) -> dict[str, Any]:

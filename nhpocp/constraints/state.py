@@ -23,7 +23,8 @@ class StateBox(ConstraintKind):
                 value = start[block.name]
                 numbers = value if isinstance(value, list) else [value]
                 if all(isinstance(number, int | float) for number in numbers):  # and not "30 deg"
-                    return {block.name: [min(numbers) - 50, min(numbers) + 100]}
+                    below, above = (3, 3) if block.unit == "angle" else (50, 100)
+                    return {block.name: [min(numbers) - below, min(numbers) + above]}
         return None
 
     def bounds(self, value: Any, system: System) -> list[Bound]:

@@ -19,6 +19,7 @@ from hypothesis import strategies as st
 from nhpocp import so3
 from nhpocp.constraints.bound import Bound, check_bounds
 from nhpocp.controls.fourier import Fourier
+from nhpocp.doubts import doubts
 from nhpocp.errors import InvalidProblemError
 from nhpocp.flow.integrators import Cvodes
 from nhpocp.horizon import Horizon
@@ -39,6 +40,7 @@ from nhpocp.problem_file import (
 from nhpocp.problem_file.document import parse
 from nhpocp.solvers.continuation.continuation import Continuation
 from nhpocp.solvers.continuation.step_rules import Euler
+from nhpocp.state_space import deg
 from nhpocp.systems.three_upu import ThreeUPU
 from nhpocp.written_numbers import parse_number
 
@@ -736,6 +738,59 @@ def test_coordinates_may_count_their_turns() -> None:
     assert warning == "goal.theta: 90 radians are 14.3 turns; if degrees are meant, write 90 deg"
     (warning,) = read_text(text + "via: [{at: 0.5, theta: 45}]\n").warnings
     assert warning.startswith("via[0].theta: 45 radians")
+
+
+VEHICLE = "nhpocp: 1\nsystem: {model: car}\nstart: {x: 0, y: 0, theta: 0, phi: 0}\ngoal: {x: 0, y: 0.5}\n"
+ARM = "nhpocp: 1\nsystem: {model: mobile_manipulator}\nstart: {x: 0, y: 0, theta: 0, q: [0, 1]}\n"
+UNDOUBTED = {
+    "constraints: {joint_angle: {cone: {max: 9 deg}, theta3: [-6, null]}}": MINIMAL,
+    "constraints: {control: 90}": VEHICLE,
+    "constraints: {state: {phi: [-30 deg, 30 deg], x: [-90, 90]}}": VEHICLE,
+    "obstacles: [{rectangle: {centre: [30, 90], size: [9, 9], angle: 4500 deg}}]": VEHICLE,
+}
+DOUBTED = {
+    "constraints: {joint_angle: {cone: {max: 9}}}": (MINIMAL, {"joint_angle.cone.max": 9}),
+    "constraints: {joint_angle: {theta3: [-40 deg, 40]}}": (MINIMAL, {"joint_angle.theta3[1]": 40}),
+    "constraints: {state: {phi: [-30, 30]}}": (VEHICLE, {"state.phi[0]": -30, "state.phi[1]": 30}),
+    "obstacles: [{rectangle: {centre: [30, 90], size: [9, 9], angle: 45}}]": (
+        VEHICLE,
+        {"rectangle.angle": 45},
+    ),
+    "obstacles: [{box: {centre: [0, 0, 99], size: [9, 9, 9], rpy: [0, 0, 45]}}]": (
+        MINIMAL,
+        {"box.rpy[2]": 45},
+    ),
+    "goal: {tip_angle: 90}": (ARM, {"goal.tip_angle": 90}),
+}
+
+
+def test_limits_and_obstacles_are_doubted_as_poses_are() -> None:
+    for line, text in UNDOUBTED.items():
+        assert not [words for words in read_text(f"{text}{line}\n").warnings if "turns" in words], line
+    for line, (text, meant) in DOUBTED.items():
+        told = [words for words in read_text(f"{text}{line}\n").warnings if "turns" in words]
+        assert len(told) == len(meant), line
+        for words, (path, number) in zip(told, meant.items(), strict=True):
+            assert f"{path}: {number} radians are " in words
+            assert f"if degrees are meant, write {number} deg" in words
+
+
+@pytest.mark.parametrize("unit", [1, deg])
+def test_angles_of_python_are_doubted_unless_in_degrees(unit) -> None:
+    made = parse_problem(VEHICLE).with_(
+        goal={"x": 0, "y": 0.5, "theta": 1900 * unit},
+        bounds={"state": {"phi": [-400 * unit, 500 * unit]}, "control": 90},
+        obstacles=[{"rectangle": {"centre": [30, 90], "size": [9, 9], "angle": 450 * unit}}],
+    )
+    told = [doubt for doubt in doubts(made, 1e-3) if "turns" in doubt.message]
+    where = [
+        "goal.theta",
+        "constraints.state.phi[0]",
+        "constraints.state.phi[1]",
+        "obstacles[0].rectangle.angle",
+    ]
+    assert [doubt.path for doubt in told] == (where if unit == 1 else [])
+    assert all(doubt.message.endswith(" * nhpocp.deg") for doubt in told)
 
 
 @pytest.mark.parametrize(
