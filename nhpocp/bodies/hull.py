@@ -182,7 +182,7 @@ def hull_of(points: Any, thickness: float = 0.0) -> Hull:
 
     points = np.unique(np.asarray(points, dtype=float), axis=0)
     middle = points.mean(axis=0)
-    _, sizes, axes = np.linalg.svd(points - middle)
+    _, sizes, axes = np.linalg.svd(points - middle, full_matrices=False)
     rank = int(np.sum(sizes > 1e-9 * max(float(sizes[0]), TINY)))
     radius = 0.5 * thickness
     if rank == 0:

@@ -1,5 +1,6 @@
 """The distance of two bodies against the Flexible Collision Library, least squares, differences and its own laws."""
 
+import tracemalloc
 from dataclasses import replace
 from itertools import product
 
@@ -191,3 +192,13 @@ def test_a_hull_of_points_has_the_rank_of_its_points():
     solid: Hull = made[-1]
     assert (len(solid.corners), len(solid.edges), len(solid.faces)) == (8, 12, 6)
     assert (len(solid.directions), len(solid.sides)) == (3, 3)
+
+
+def test_the_hull_of_a_large_cloud_takes_little_memory():
+    cloud = np.vstack([SPACE["box"].corners, np.random.default_rng(6).uniform(-0.3, 0.3, (3000, 3))])
+    tracemalloc.start()
+    made = hull.hull_of(cloud)
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert len(made.corners) == 8
+    assert most < 10e6  # bytes; a square matrix of points would take 75e6
