@@ -142,25 +142,20 @@ def polyhedron(points: Any, radius: float = 0.0) -> Hull:
     points = np.asarray(points, dtype=float)
     hull = _qhull(points)
     used = {int(old): new for new, old in enumerate(hull.vertices)}
-    planes: list[Array] = []
-    members: list[set[int]] = []
-    for simplex, plane in zip(hull.simplices, hull.equations, strict=True):
-        near = [k for k, known in enumerate(planes) if np.abs(known - plane).max() < 1e-9]
-        if not near:
-            planes.append(plane)
-            members.append(set())
-        members[near[0] if near else -1] |= {used[int(i)] for i in simplex}
+    planes = hull.equations
+    members: dict[int, set[int]] = {}
+    firsts = _first_alike(np.abs(planes[:, None] - planes).max(axis=2))
+    for simplex, k in zip(hull.simplices, firsts, strict=True):
+        members.setdefault(k, set()).update(used[int(i)] for i in simplex)
     corners = points[hull.vertices]
-    faces = tuple(
-        _around(corners, sorted(face), plane[:3]) for face, plane in zip(members, planes, strict=True)
-    )
+    faces = tuple(_around(corners, sorted(face), planes[k, :3]) for k, face in members.items())
     pairs = {
         (min(i, j), max(i, j)) for face in faces for i, j in zip(face, (*face[1:], face[0]), strict=True)
     }
     edges = tuple(sorted(pairs))
     lines = np.array([corners[j] - corners[i] for i, j in edges])
     directions = tuple(edges[k] for k in _unlike(lines))
-    sides = tuple(_unlike(np.array(planes)[:, :3]))
+    sides = tuple(_unlike(planes[list(members), :3]))
     return Hull(tuple(corners), 3, edges, faces, directions, sides, radius)
 
 
@@ -215,8 +210,17 @@ def _unlike(vectors: Array) -> list[int]:
     import numpy as np
 
     units = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+    firsts = _first_alike(np.linalg.norm(np.cross(units[:, None], units), axis=2))
+    return [k for k, first in enumerate(firsts) if first == k]
+
+
+def _first_alike(differences: Array) -> list[int]:
+    """Of each, by their differences (n, n), the first that it is alike among those that are unlike each other."""
     chosen: list[int] = []
-    for k, each in enumerate(units):
-        if not any(np.linalg.norm(np.cross(each, units[other])) < 1e-9 for other in chosen):
+    firsts: list[int] = []
+    for k, alike in enumerate(differences < 1e-9):
+        first = next((i for i in chosen if alike[i]), k)
+        if first == k:
             chosen.append(k)
-    return chosen
+        firsts.append(first)
+    return firsts
