@@ -12,7 +12,18 @@ from pathlib import Path
 from typing import Any, Literal
 
 from nhpocp import so3
-from nhpocp.bodies.hull import HalfSpace, Hull, ball, box, capsule, few_corners, hull_of, polygon, polyhedron
+from nhpocp.bodies.hull import (
+    TINY,
+    HalfSpace,
+    Hull,
+    ball,
+    box,
+    capsule,
+    few_corners,
+    hull_of,
+    polygon,
+    polyhedron,
+)
 from nhpocp.bodies.stl import convex_corners
 from nhpocp.declared import real
 from nhpocp.errors import InvalidProblemError, describe, expect, refuse
@@ -58,7 +69,9 @@ def _rectangle(centre: Any, size: Any, angle: float) -> Hull:
 
 
 def _bar(start: Any, end: Any, radius: float) -> Hull:
-    return capsule(start, end, radius)
+    """A capsule; a ball where both ends are one, for the distance of two edges asks for edges of some length."""
+    along = end - start
+    return capsule(start, end, radius) if along @ along > TINY else ball(start, radius)
 
 
 def _convex(points: Any, file: Any) -> Hull:

@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 
 import nhpocp
+from nhpocp.bodies.distance import distance
+from nhpocp.bodies.hull import capsule
 from nhpocp.bodies.obstacles import KINDS
 from nhpocp.cli.entry import status
 from nhpocp.problem_file import dump_problem, parse_problem, read_text
@@ -190,6 +192,13 @@ def test_what_bounds_no_convex_polygon_is_refused_with_its_cause(corners, words)
     with pytest.raises(nhpocp.InvalidProblemError, match=r"polygon\.corners: ") as refused:
         nhpocp.Obstacle("polygon", {"corners": corners})
     assert words in refused.value.message
+
+
+def test_a_capsule_without_length_is_a_ball():
+    point, middle = {"from": [0, 0, 1], "to": [0, 0, 1], "radius": 0.1}, {"centre": [0, 0, 1], "radius": 0.1}
+    bar = capsule(np.array([-5.0, 0, 0]), np.array([5.0, 0, 0]), 0.2)
+    made, ball = nhpocp.Obstacle("capsule", point).shape, nhpocp.Obstacle("sphere", middle).shape
+    assert float(distance(bar, made)) == float(distance(bar, ball)) == pytest.approx(0.7)
 
 
 def test_obstacles_and_distances_of_a_system_without_bodies_are_refused():
