@@ -261,7 +261,7 @@ class Obstacle(ByValue, Frozen):
             if not each.own_name:
                 count[each.kind] = count.get(each.kind, 0) + 1
             name = each.own_name or f"{_words(each.kind)} {count[each.kind]}"
-            named.append(cls(each.kind, each.entries, name=name))
+            named.append(each if each.name == name else cls(each.kind, each.entries, name=name))
         names = [each.name for each in named]
         refuse(
             [

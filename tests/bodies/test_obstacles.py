@@ -194,6 +194,13 @@ def test_what_bounds_no_convex_polygon_is_refused_with_its_cause(corners, words)
     assert words in refused.value.message
 
 
+def test_a_problem_made_anew_keeps_its_obstacles():
+    """A mesh takes long to build."""
+    problem = parse_problem(text_with(["mesh", "sphere"]))
+    again = nhpocp.replace(problem, initial=None)
+    assert all(one is other for one, other in zip(again.obstacles, problem.obstacles, strict=True))
+
+
 def test_a_capsule_without_length_is_a_ball():
     point, middle = {"from": [0, 0, 1], "to": [0, 0, 1], "radius": 0.1}, {"centre": [0, 0, 1], "radius": 0.1}
     bar = capsule(np.array([-5.0, 0, 0]), np.array([5.0, 0, 0]), 0.2)
