@@ -13,8 +13,7 @@ from typing import Any
 from nhpocp.arrays import Array, namespace
 
 Pair = tuple[int, int]
-MOST_CORNERS = 64  # of an obstacle: its edges meet those of every body, in each of an NLP's intervals
-PLANAR = "the points lie in a plane, and bound no body"
+FLAT = 1e-7  # of a body's size: what it is thick, or a corner stands out, by less is rounding, as of 32-bit numbers
 TINY = 1e-100  # keeps square roots and quotients, and two derivatives, finite where they do not count
 
 
@@ -113,34 +112,16 @@ def prism(outline: Sequence[Array], half: Array) -> Hull:
     return Hull(tuple(corners), 3, edges, faces, (*around, (0, count)), (0, *range(2, 2 + count)))
 
 
-def few_corners(points: Any) -> Array:
-    """The corners (n, 3) of the convex hull of points with numbers.
-
-    Errors: `ValueError` where they lie in a plane, or are more than `MOST_CORNERS`.
-    """
-    import numpy as np
-
-    sizes = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-    if sizes[-1] <= 1e-9 * sizes[0]:
-        raise ValueError(PLANAR)
-    corners: Array = points[_qhull(points).vertices]
-    if len(corners) > MOST_CORNERS:
-        raise ValueError(
-            f"the convex hull has {len(corners)} corners; at most {MOST_CORNERS} can be kept clear of. Export a "
-            "coarser mesh"
-        )
-    return corners
-
-
 def polyhedron(points: Any, radius: float = 0.0) -> Hull:
-    """The convex hull of points with numbers, (n, 3).
-
-    Errors: `ValueError` where they lie in a plane.
-    """
+    """The convex hull of points with numbers, (n, 3), that do not lie in a plane."""
     import numpy as np
+    from scipy.spatial import ConvexHull
 
     points = np.asarray(points, dtype=float)
-    hull = _qhull(points)
+    hull = ConvexHull((points - points.mean(axis=0)) / np.ptp(points, axis=0).max())
+    outer = _standing_out(hull)
+    if len(outer) < len(hull.vertices):
+        return hull_of(points[outer], 2 * radius)  # which may be flat
     used = {int(old): new for new, old in enumerate(hull.vertices)}
     planes = hull.equations
     members: dict[int, set[int]] = {}
@@ -159,40 +140,57 @@ def polyhedron(points: Any, radius: float = 0.0) -> Hull:
     return Hull(tuple(corners), 3, edges, faces, directions, sides, radius)
 
 
-def _qhull(points: Array) -> Any:
-    """SciPy's hull of points about their middle, divided by their size."""
-    import numpy as np
-    from scipy.spatial import ConvexHull, QhullError
-
-    middle, size = points.mean(axis=0), np.ptp(points, axis=0).max()
-    try:
-        return ConvexHull((points - middle) / (size or 1.0))
-    except QhullError:
-        raise ValueError(PLANAR) from None
-
-
 def hull_of(points: Any, thickness: float = 0.0) -> Hull:
-    """The convex hull of points with numbers, (n, 3): a ball, a bar or a plate of a thickness, or a polyhedron."""
+    """The convex hull of points with numbers, (n, 3): a ball, a bar or a plate of a thickness, or a polyhedron.
+
+    Corners that stand out by less than `FLAT` are left out, for the faces beside them would have any normal.
+    """
     import numpy as np
 
     points = np.unique(np.asarray(points, dtype=float), axis=0)
     middle = points.mean(axis=0)
-    _, sizes, axes = np.linalg.svd(points - middle, full_matrices=False)
-    rank = int(np.sum(sizes > 1e-9 * max(float(sizes[0]), TINY)))
+    _, _, axes = np.linalg.svd(points - middle, full_matrices=False)
+    places = (points - middle) @ axes.T
+    extents = np.ptp(places, axis=0)
+    rank = int(np.sum(extents > FLAT * max(float(extents[0]), TINY)))
     radius = 0.5 * thickness
     if rank == 0:
         return ball(middle, radius)
     if rank == 1:
-        places = (points - middle) @ axes[0]
-        return capsule(points[np.argmin(places)], points[np.argmax(places)], radius)
+        return capsule(points[np.argmin(places[:, 0])], points[np.argmax(places[:, 0])], radius)
     if rank == 3:
         return polyhedron(points, radius)
     around = range(3)
     if len(points) > 3:
         from scipy.spatial import ConvexHull
 
-        around = ConvexHull((points - middle) @ axes[:2].T / sizes[0]).vertices
+        around = _standing_out(ConvexHull(places[:, :2] / extents[0]))
     return polygon([points[i] for i in around], radius)
+
+
+def solid(points: Any) -> Hull:
+    """The polyhedron around points with numbers, (n, 3). Errors: `ValueError` where they lie in a plane."""
+    hull = hull_of(points)
+    if hull.rank < 3:
+        raise ValueError("the points lie in a plane, and bound no body")
+    return hull
+
+
+def _standing_out(hull: Any) -> Array:
+    """The corners of Qhull's hull of a body of size 1, in its order, less those within `FLAT` of the others' hull."""
+    import numpy as np
+    from scipy.optimize import nnls
+
+    points, kept = hull.points, hull.vertices
+    for k in hull.vertices:
+        others = kept[kept != k]
+        rows = np.vstack([(points[others] - points[k]).T, np.ones(len(others))])
+        _, away = nnls(
+            rows, np.eye(len(rows))[-1]
+        )  # [Lawson & Hanson, ch. 23]; of what is near, how far it is
+        if away < FLAT:
+            kept = others
+    return kept
 
 
 def _around(corners: Array, face: Sequence[int], normal: Array) -> tuple[int, ...]:

@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 
 from nhpocp.arrays import Array
-from nhpocp.bodies.hull import few_corners, polyhedron
+from nhpocp.bodies.hull import solid
 from nhpocp.errors import InvalidProblemError
 
 HEADER, RECORD = 84, 50  # bytes of a binary file before its triangles, and of each
@@ -17,17 +17,16 @@ DENT = 1e-3  # of a body's size: how far a mesh may lie inside its convex hull
 def convex_corners(file: Path) -> Array:
     """The corners (n, 3) of the convex hull of a mesh.
 
-    Errors: `InvalidProblemError` for a file that is none, or a mesh that is not convex or has too many corners.
+    Errors: `InvalidProblemError` for a file that is none, or a mesh that is not convex.
     """
     import numpy as np
 
     triangles = _triangles(file)
     points = np.unique(triangles.reshape(-1, 3), axis=0)
     try:
-        corners = few_corners(points)
+        hull = solid(points)
     except ValueError as error:
         raise InvalidProblemError(f"{file}: {error}") from None
-    hull = polyhedron(corners)
     depth, corners = np.full(len(triangles), np.inf), np.array(hull.corners)
     inside = corners.mean(axis=0)
     for face in hull.faces:

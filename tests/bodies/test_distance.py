@@ -202,3 +202,21 @@ def test_the_hull_of_a_large_cloud_takes_little_memory():
     tracemalloc.stop()
     assert len(made.corners) == 8
     assert most < 10e6  # bytes; a square matrix of points would take 75e6
+
+
+@pytest.mark.parametrize("noise", [0, 1e-16, 1e-12, 1e-10, 1e-9])
+def test_corners_along_an_edge_are_none(noise):
+    """As meshes have them that are finer than their shape, and rounding lifts them."""
+    rng, grid = (
+        np.random.default_rng(7),
+        np.array([place for place in product((-1, 0, 1), repeat=3) if any(place)]),
+    )
+    for points, count in ((grid, 8), (grid[grid[:, 2] == 1], 4)):
+        for _ in range(4):
+            turned = points @ Rotation.random(random_state=rng).as_matrix().T
+            body = hull.hull_of(turned + noise * rng.normal(size=points.shape))
+            assert len(body.corners) == count
+            for _ in range(8):
+                bar = hull.capsule(2 * rng.normal(size=3), 2 * rng.normal(size=3), 0.0)
+                least, found = by_least_squares(np.array(bar.corners), turned), float(distance(bar, body))
+                assert found == pytest.approx(least, abs=1e-8) if least > 1e-6 else found < 1e-8

@@ -9,11 +9,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import nhpocp
 from nhpocp.bodies.distance import distance
 from nhpocp.bodies.hull import capsule
 from nhpocp.bodies.obstacles import KINDS
+from nhpocp.bodies.stl import convex_corners
 from nhpocp.cli.entry import status
 from nhpocp.problem_file import dump_problem, parse_problem, read_text
 from nhpocp.problem_file.registry import SYSTEMS
@@ -289,6 +291,20 @@ def test_a_mesh_that_is_no_obstacle_is_refused_with_its_file(name, words, tmp_pa
         nhpocp.load_problem(file)
     with pytest.raises(nhpocp.InvalidProblemError, match=rf"mesh\.file: .*{name}\.stl: .*{words}"):
         nhpocp.Obstacle("mesh", {"file": tmp_path / f"{name}.stl"})
+
+
+def test_a_mesh_may_be_finer_than_its_shape(tmp_path):
+    """A turned tetrahedron, each of whose faces is four triangles, with the digits that text files have."""
+    file = tmp_path / "fine.stl"
+    for seed in range(6):
+        corners = 10 * np.eye(4, 3) @ Rotation.random(random_state=seed).as_matrix()
+        lines = ""
+        for a, b, c in (corners[list(face)] for face in ((0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3))):
+            d, e, f = (a + b) / 2, (b + c) / 2, (c + a) / 2
+            for place in (a, d, f, d, b, e, f, e, c, d, e, f):
+                lines += f"vertex {place[0]:.9e} {place[1]:.9e} {place[2]:.9e}\n"
+        file.write_text(lines)
+        np.testing.assert_allclose(sorted(convex_corners(file).tolist()), sorted(corners.tolist()), atol=1e-8)
 
 
 @pytest.mark.parametrize("model", SYSTEMS.lines)
