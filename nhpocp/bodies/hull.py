@@ -14,6 +14,8 @@ from nhpocp.arrays import Array, namespace
 
 Pair = tuple[int, int]
 FLAT = 1e-7  # of a body's size: what it is thick, or a corner stands out, by less is rounding, as of 32-bit numbers
+MOST_CORNERS = 64  # of a polyhedron: its edges meet those of every body, in each of an NLP's intervals
+ROUNDED = 8 * MOST_CORNERS  # with those that rounding adds: more of them are not looked at one by one
 TINY = 1e-100  # keeps square roots and quotients, and two derivatives, finite where they do not count
 
 
@@ -113,13 +115,21 @@ def prism(outline: Sequence[Array], half: Array) -> Hull:
 
 
 def polyhedron(points: Any, radius: float = 0.0) -> Hull:
-    """The convex hull of points with numbers, (n, 3), that do not lie in a plane."""
+    """The convex hull of points with numbers, (n, 3), that do not lie in a plane.
+
+    Errors: `ValueError` where it has more than `MOST_CORNERS` corners.
+    """
     import numpy as np
     from scipy.spatial import ConvexHull
 
     points = np.asarray(points, dtype=float)
     hull = ConvexHull((points - points.mean(axis=0)) / np.ptp(points, axis=0).max())
-    outer = _standing_out(hull)
+    outer = _standing_out(hull) if len(hull.vertices) <= ROUNDED else hull.vertices
+    if len(outer) > MOST_CORNERS:
+        raise ValueError(
+            f"the convex hull has {len(outer)} corners; at most {MOST_CORNERS} can be kept clear of. "
+            "Export a coarser mesh"
+        )
     if len(outer) < len(hull.vertices):
         return hull_of(points[outer], 2 * radius)  # which may be flat
     used = {int(old): new for new, old in enumerate(hull.vertices)}
@@ -169,7 +179,10 @@ def hull_of(points: Any, thickness: float = 0.0) -> Hull:
 
 
 def solid(points: Any) -> Hull:
-    """The polyhedron around points with numbers, (n, 3). Errors: `ValueError` where they lie in a plane."""
+    """The polyhedron around points with numbers, (n, 3).
+
+    Errors: `ValueError` where they lie in a plane, or it has more than `MOST_CORNERS` corners.
+    """
     hull = hull_of(points)
     if hull.rank < 3:
         raise ValueError("the points lie in a plane, and bound no body")

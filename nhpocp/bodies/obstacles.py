@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from nhpocp import so3
-from nhpocp.bodies.hull import TINY, HalfSpace, Hull, ball, box, capsule, polygon, solid
+from nhpocp.bodies.hull import TINY, HalfSpace, Hull, ball, box, capsule, hull_of, polygon, solid
 from nhpocp.bodies.stl import convex_corners
 from nhpocp.declared import real
 from nhpocp.errors import InvalidProblemError, describe, expect, refuse
@@ -65,16 +65,9 @@ def _bar(start: Any, end: Any, radius: float) -> Hull:
 
 def _convex(points: Any, file: Any) -> Hull:
     try:
-        hull = solid(points)
+        return solid(points)
     except ValueError as error:
         raise InvalidProblemError(str(error), path="points") from None
-    if len(hull.corners) > MOST_CORNERS:
-        words = (
-            f"the convex hull has {len(hull.corners)} corners; at most {MOST_CORNERS} can be kept clear of. "
-            "Export a coarser mesh"
-        )
-        raise InvalidProblemError(words, path="points")
-    return hull
 
 
 def _outline(corners: Any) -> Hull:

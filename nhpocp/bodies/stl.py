@@ -17,7 +17,7 @@ DENT = 1e-3  # of a body's size: how far a mesh may lie inside its convex hull
 def convex_corners(file: Path) -> Array:
     """The corners (n, 3) of the convex hull of a mesh.
 
-    Errors: `InvalidProblemError` for a file that is none, or a mesh that is not convex.
+    Errors: `InvalidProblemError` for a file that is none, or a mesh that is not convex or has too many corners.
     """
     import numpy as np
 

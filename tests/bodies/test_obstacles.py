@@ -12,8 +12,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import nhpocp
+from nhpocp.bodies import hull
 from nhpocp.bodies.distance import distance
-from nhpocp.bodies.hull import capsule
 from nhpocp.bodies.obstacles import KINDS
 from nhpocp.bodies.stl import convex_corners
 from nhpocp.cli.entry import status
@@ -205,7 +205,7 @@ def test_a_problem_made_anew_keeps_its_obstacles():
 
 def test_a_capsule_without_length_is_a_ball():
     point, middle = {"from": [0, 0, 1], "to": [0, 0, 1], "radius": 0.1}, {"centre": [0, 0, 1], "radius": 0.1}
-    bar = capsule(np.array([-5.0, 0, 0]), np.array([5.0, 0, 0]), 0.2)
+    bar = hull.capsule(np.array([-5.0, 0, 0]), np.array([5.0, 0, 0]), 0.2)
     made, ball = nhpocp.Obstacle("capsule", point).shape, nhpocp.Obstacle("sphere", middle).shape
     assert float(distance(bar, made)) == float(distance(bar, ball)) == pytest.approx(0.7)
 
@@ -305,6 +305,22 @@ def test_a_mesh_may_be_finer_than_its_shape(tmp_path):
                 lines += f"vertex {place[0]:.9e} {place[1]:.9e} {place[2]:.9e}\n"
         file.write_text(lines)
         np.testing.assert_allclose(sorted(convex_corners(file).tolist()), sorted(corners.tolist()), atol=1e-8)
+
+
+@pytest.mark.parametrize("count", [65, 400, 2000])
+def test_a_mesh_of_too_many_corners_is_refused_before_it_is_built(tmp_path, count, monkeypatch):
+    monkeypatch.setattr(hull, "_around", None)  # orders the corners of each face
+    points = np.random.default_rng(1).normal(size=(count, 3))
+    points /= np.linalg.norm(points, axis=1, keepdims=True)
+    with pytest.raises(
+        nhpocp.InvalidProblemError, match=rf"mesh\.points: the convex hull has {count} corners; at most 64"
+    ):
+        nhpocp.Obstacle("mesh", {"points": points})
+    around = [points[[k, (k + 1) % count, (k + 2) % count]] for k in range(count)]
+    lines = "".join(f"vertex {x} {y} {z}\n" for triangle in around for x, y, z in triangle)
+    (tmp_path / "fine.stl").write_text(lines)
+    with pytest.raises(nhpocp.InvalidProblemError, match=rf"fine\.stl: .* has {count} corners; at most 64"):
+        convex_corners(tmp_path / "fine.stl")
 
 
 @pytest.mark.parametrize("model", SYSTEMS.lines)
