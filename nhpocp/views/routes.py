@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 
 from nhpocp.arrays import Array
 from nhpocp.problem import PlanningProblem
+from nhpocp.relative import relative_to
 from nhpocp.solution import Solution
 from nhpocp.state_space import Block
 from nhpocp.views import drawing, obstacles
@@ -120,11 +121,18 @@ def _measures(problem: PlanningProblem) -> dict[str, list[Block]]:
     return {unit: units[unit] for unit in ("length", "angle") if unit in units}
 
 
+def _from_goal(problem: PlanningProblem, poses: Array) -> Array:
+    """Tangents (k, dimension) from the goal to poses; NaN in the rotations of those half a turn away."""
+    space, goal = problem.system.state_space, problem.goal_point
+    ends, parts = space.split(goal[None]), space.split(poses)
+    return np.hstack([relative_to(ends[block.name][0], parts[block.name], block) for block in space.blocks])
+
+
 def _plot_differences(axes: Any, problem: PlanningProblem, every: list[Any]) -> None:
     """Distance and turn of every pose from the goal."""
     space = problem.system.state_space
     for name, poses, parents, _ in every:
-        apart = np.array([space.difference(pose, problem.goal_point) for pose in poses], dtype=float)
+        apart = _from_goal(problem, poses)
         columns = []
         for blocks in _measures(problem).values():
             parts = [apart[:, space.tangent_slice(block.name)] for block in blocks]
@@ -139,7 +147,7 @@ def _plot_numbers(axes: Any, problem: PlanningProblem, every: list[Any]) -> None
     space = problem.system.state_space
     names = [f"{label} from the goal" for label in space.tangent_labels[:2]]
     for name, poses, parents, _ in every:
-        apart = np.array([space.difference(pose, problem.goal_point) for pose in poses], dtype=float)
+        apart = _from_goal(problem, poses)
         alone = len(names) == 1
         shown = np.column_stack([np.arange(len(poses)), apart[:, 0]]) if alone else apart[:, :2]
         _plot_tree(axes, name, shown, parents)

@@ -119,6 +119,16 @@ def test_what_is_stored_otherwise_draws_nothing(details):
     assert routes.route_places(solution) is None
 
 
+def test_trees_half_a_turn_from_the_goal_are_drawn_without_their_roots():
+    problem = good().problem
+    space = problem.system.state_space
+    turned = np.asarray(space.retract(problem.goal_point, np.array([0, 0, 0, 0, 0, np.pi])))
+    start = dict(zip(space.names, space.unpack(turned).values(), strict=True))
+    figure = figures.trees(searched(replace(good(), problem=replace(problem, start=start))))
+    places = [line.get_xydata() for axes in figure.axes for line in axes.lines if len(line.get_xdata()) == 5]
+    assert any(np.isnan(shown[0]).any() and np.isfinite(shown[1:]).all() for shown in places)
+
+
 def test_a_distance_bound_is_drawn_however_far_off_it_is():
     obstacles = [{"rectangle": {"centre": [20, 0], "size": [1, 1]}}]
     problem = nhpocp.PlanningProblem(
