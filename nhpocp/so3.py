@@ -183,6 +183,17 @@ def from_quaternion(quaternion: Array) -> Array:
     return xp.eye(3) + 2 * scalar * skew + 2 * (skew @ skew)
 
 
+def to_quaternion(rotation: Array) -> Array:
+    """The unit quaternion (w, x, y, z), w ≥ 0, of a rotation of numbers: of 4 q qᵀ the largest row. [Shepperd 1978]"""
+    import numpy as np
+
+    trace, vector = np.trace(rotation), 2.0 * vee(rotation)
+    below = rotation + rotation.T + (1.0 - trace) * np.eye(3)
+    products = np.block([[1.0 + trace, vector], [vector[:, None], below]])
+    row = products[np.argmax(np.diag(products))]
+    return np.asarray(np.copysign(1.0, row[0]) * row / np.linalg.norm(row))
+
+
 def nearest(matrix: Array) -> Array:
     """The rotations nearest to matrices of numbers (…, 3, 3) in the Frobenius norm (their polar factors)."""
     import numpy as np

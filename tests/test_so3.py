@@ -165,6 +165,17 @@ def test_from_quaternion_agrees_with_scipy(axis, angle):
 
 
 @LAW
+@given(axes, st.one_of(angles, st.just(np.pi)))
+def test_to_quaternion_agrees_with_scipy_up_to_half_turns(axis, angle):
+    rotation = so3.exp(angle * axis)
+    quaternion = so3.to_quaternion(rotation)
+    expected = Rotation.from_matrix(rotation).as_quat(scalar_first=True)
+    assert quaternion[0] >= 0
+    assert min(np.abs(quaternion - sign * expected).max() for sign in (1, -1)) < 1e-14
+    assert np.abs(so3.from_quaternion(quaternion) - rotation).max() < 1e-14
+
+
+@LAW
 @given(st.lists(entries, min_size=9, max_size=9).map(lambda x: np.reshape(x, (3, 3))))
 def test_nearest_is_a_rotation_idempotent_and_nearest(matrix):
     rotation = so3.nearest(matrix)

@@ -198,10 +198,8 @@ class _Packing:
         for i, value in enumerate(point[self._plain] / self._scales):
             state[0][i] = float(value)
         for i, place in enumerate(self._rotations):
-            q, half = state[i + first], 0.5 * np.asarray(so3.log(point[place].reshape(3, 3)))
-            angle = float(np.linalg.norm(half))
-            q.w = float(np.cos(angle))
-            q.x, q.y, q.z = (float(number) for number in np.sinc(angle / np.pi) * half)
+            q = state[i + first]
+            q.w, q.x, q.y, q.z = so3.to_quaternion(point[place].reshape(3, 3)).tolist()
 
 
 def _matrix(w: float, x: float, y: float, z: float) -> list[float]:

@@ -264,6 +264,19 @@ def test_a_half_turn_is_no_straight_part():
     assert not np.isfinite(poses.tangent(np.asarray(back), problem.start_point)[1])
 
 
+def test_a_route_begins_at_a_pose_half_a_turn_from_the_identity():
+    problem = nhpocp.PlanningProblem(
+        system=nhpocp.RollingSphere(),
+        start={"position": [0, 0], "orientation": {"rpy": [0, 0, np.pi]}},
+        goal={"position": [3, 0], "orientation": {"rpy": [0, 0, np.pi - 0.3]}},
+        obstacles=[{"box": {"centre": [1.5, 0, 1], "size": [0.2, 1, 2]}}],
+        bounds={"distance": 0.05},
+    )
+    route = find_route(problem, 60.0, 0).route
+    assert len(route.waypoints) > 2
+    np.testing.assert_array_equal(route.waypoints[[0, -1]], [problem.start_point, problem.goal_point])
+
+
 def test_an_eased_route_takes_fewer_manoeuvres_and_is_valid(bent, bent_route):
     poses = bent_route.route.poses
     ends = bent.start_point, bent.goal_point
