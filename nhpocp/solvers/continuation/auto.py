@@ -115,7 +115,12 @@ class _Search:
                     break
         except KeyboardInterrupt:
             stopped = True
-        last = ended[-1] if ended else self.attempt(self.problem, 0)  # which stops at once
+        if not ended:
+            self.way = self._own_start
+            with Interruption(patient=True):
+                ended.append(self.attempt(self.problem, 0))  # which stops at once
+            self.note(self.way, ended[-1].outcome.value, ended[-1].error)
+        last = ended[-1]
         best = last if last.outcome is Outcome.CONVERGED else min(ended, key=_nearness)
         outcome, message = self._ending(best, stopped or last.outcome is Outcome.INTERRUPTED)
         best = replace(best, outcome=outcome, message=message)
@@ -207,9 +212,14 @@ class _Search:
         if self.progress is not None:
             self.progress({"k": None, "error": None, "stage": self.way})
 
+    @property
+    def _own_start(self) -> str:
+        """The problem's own, in words."""
+        return "the given start" if self.problem.initial is not None else "a seeded start"
+
     def _starts(self, numbers: range) -> Iterator[tuple[str, ContinuationResult]]:
         """Where these starts lead, 0 being the problem's own."""
-        own = "the given start" if self.problem.initial is not None else "a seeded start"
+        own = self._own_start
         for start in numbers:
             if not self.may_try():
                 return

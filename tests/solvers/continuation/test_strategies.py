@@ -1,6 +1,7 @@
 """`step_rule: auto`: what it tries, in order, and what it says of it."""
 
 import re
+import signal
 from dataclasses import replace
 
 import goals
@@ -252,6 +253,17 @@ def test_a_stop_while_starts_are_compared_keeps_the_least_so_far():
     assert solution.outcome is Outcome.INTERRUPTED
     assert solution.verdict.error < 1e-3
     assert "best so far: E = " in solution.message
+
+
+def test_a_stop_before_anything_was_tried_keeps_the_start():
+    def stop(record):
+        if record.get("stage") == "looking for a route":
+            signal.raise_signal(signal.SIGINT)
+
+    solution = planning.solve(paper_problem(), Auto(route="always"), stop)
+    assert solution.outcome is Outcome.INTERRUPTED
+    assert [entry["way"] for entry in solution.details["tried"]] == ["the given start"]
+    np.testing.assert_array_equal(solution.control.coefficients, solution.problem.initial)
 
 
 def test_the_nearest_start_goes_on_to_max_iterations_where_all_else_failed(monkeypatch):
