@@ -64,6 +64,8 @@ def lacking(problem: PlanningProblem) -> str:
         return "the goal names outputs, which many poses have"
     if problem.system.invariants(problem.start_point):
         return "its joints hold what routes would change"
+    if problem.goal_error(problem.start_point) == 0.0:
+        return "the start is the goal"
     return ""
 
 

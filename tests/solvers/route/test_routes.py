@@ -334,6 +334,18 @@ def test_problems_that_no_route_serves_say_why():
     assert "outputs" in lacking(paper_problem(goal={"leg_lengths": [38, 39, 40]}))
 
 
+@pytest.mark.parametrize("objective", ["none", "effort"])
+def test_where_start_is_goal_no_route_is_followed(objective):
+    """It would take no manoeuvres, which are no plan."""
+    rest = {"x": 0.0, "y": 0.0, "theta": 1.0}
+    problem = nhpocp.PlanningProblem(system=nhpocp.Unicycle(), start=rest, goal=rest)
+    turned = paper_problem(goal=paper_problem().start)
+    assert lacking(problem) == lacking(turned) == "the start is the goal"
+    continuation = Continuation(step_rule=Adaptive(), objective=objective)
+    solution = planning.solve(problem, Auto(continuation, route="always"))
+    assert solution.converged, solution.message
+
+
 def test_without_ompl_auto_says_what_would_help(bent, monkeypatch):
     monkeypatch.setitem(sys.modules, "ompl", None)
     monkeypatch.setattr(auto, "BUDGET", 20)
