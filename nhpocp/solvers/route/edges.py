@@ -8,6 +8,7 @@ from nhpocp.arrays import Array
 from nhpocp.solvers.route.pose_checks import PoseChecks
 
 STEP = 0.1  # of the pose's scales, about 6 degrees: between the first samples
+FEWEST = 3  # samples: two on either side of what is thin may have the same slacks
 FARTHEST = 2000.0  # in units of the scales: what is longer is not looked at
 HALVINGS = 7  # of that step, before a pose that might be invalid counts as one
 STEEPER = 2.0  # times as steep as the samples around: how a slack may fall between two of them
@@ -21,7 +22,7 @@ def free(checks: PoseChecks, here: Array, tangent: Array, size: float) -> bool:
     """
     if not size < FARTHEST:
         return False
-    fractions = np.linspace(0.0, 1.0, 2 + int(size / STEP))
+    fractions = np.linspace(0.0, 1.0, max(FEWEST, 2 + int(size / STEP)))
     slacks = checks.slacks(checks.between(here, tangent, fractions))
     for _ in range(HALVINGS):
         if checks.refuse(slacks):
@@ -44,7 +45,7 @@ def clear(checks: PoseChecks, path: Array) -> bool:
 
 
 def _doubtful(slacks: Array, steps: Array) -> Array:
-    """Between which neighbours (k - 1,) one of the slacks (k, checks) might reach zero."""
+    """Between which neighbours (k - 1,) one of the slacks (k, slacks) might reach zero."""
     slopes = np.abs(np.diff(slacks, axis=0)) / steps[:, None]
     steepest = slopes.copy()
     steepest[1:] = np.maximum(steepest[1:], slopes[:-1])

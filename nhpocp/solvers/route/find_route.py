@@ -112,8 +112,9 @@ def _poses(problem: PlanningProblem, level: Level, loops: Loops | None, bare: Po
 def _ends_nowhere(problem: PlanningProblem, poses: Poses) -> str:
     """Which end no route can leave, in words; empty where there is none."""
     for end, point in (("start", problem.start_point), ("goal", problem.goal_point)):
-        for check, slack in zip(poses.checks.checks, poses.checks.slacks(point[None])[0], strict=True):
-            if not slack > 0:
+        checks = poses.checks
+        for check, least in zip(checks.checks, checks.least(checks.slacks(point[None])), strict=True):
+            if not least > 0:
                 return f"no route leads from or to the {end}, which is refused by {check.name}"
     return ""
 

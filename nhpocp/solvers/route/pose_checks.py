@@ -31,7 +31,7 @@ STEEP = 20.0  # times as fast as at start or goal: how fast unit inputs may move
 class PoseCheck(ABC):
     """One part of a pose's validity.
 
-    name: what is asked, in words. `expression` gives numbers of a pose as a symbolic column; `slack` what these say.
+    name: what is asked, in words. `expression` gives numbers of a pose as a symbolic column; `slacks` what these say.
     """
 
     name: str
@@ -41,8 +41,11 @@ class PoseCheck(ABC):
         """The numbers that it looks at, a column, of a packed symbolic pose."""
 
     @abstractmethod
-    def slack(self, numbers: Array) -> Array:
-        """(k,) of the numbers (k, …) of k poses: positive where they may be, dimensionless, and of bounded slope."""
+    def slacks(self, numbers: Array) -> Array:
+        """(k, slacks) of the numbers (k, …) of k poses: positive where they may be, dimensionless, of bounded slope.
+
+        One for each limit of each number: the least of several would hide how another falls.
+        """
 
 
 @dataclass(frozen=True)
@@ -69,15 +72,15 @@ class OnOneSide(PoseCheck):
         scaled = matrix @ ca.diag(1.0 / ca.DM(scales))
         return signed_least(scaled) if scaled.shape == (3, 3) else ca.vec(scaled.T)
 
-    def slack(self, numbers: Array) -> Array:
+    def slacks(self, numbers: Array) -> Array:
         if numbers.shape[1] == 1:
-            signed = numbers[:, 0]
+            signed = numbers
         else:
             size = int(np.sqrt(numbers.shape[1]))
             matrices = numbers.reshape(-1, size, size)
             finite = np.isfinite(matrices).all(axis=(1, 2))
             matrices = np.where(finite[:, None, None], matrices, 0.0)
-            signed = np.sign(np.linalg.det(matrices)) * svd(matrices, compute_uv=False)[:, -1]
+            signed = (np.sign(np.linalg.det(matrices)) * svd(matrices, compute_uv=False)[:, -1])[:, None]
         return np.where(np.isfinite(signed), self.sign * signed, 0.0) - self.least
 
 
@@ -125,12 +128,11 @@ class Within(PoseCheck):
         control = ca.SX.sym("u", self.system.input_space.size)
         return not ca.depends_on(self._value(state, control), control)
 
-    def slack(self, numbers: Array) -> Array:
-        room = np.full(numbers.shape, np.inf)
+    def slacks(self, numbers: Array) -> Array:
         lower, upper, below, above = self._sides
-        room = np.where(np.isfinite(lower), (numbers - lower) / below, room)
-        room = np.where(np.isfinite(upper), np.minimum(room, (upper - numbers) / above), room)
-        return np.where(np.isfinite(numbers).all(axis=1), room.min(axis=1), -1.0) + WITHIN - self.reserve
+        low, high = np.isfinite(lower), np.isfinite(upper)
+        room = np.hstack([((numbers - lower) / below)[:, low], ((upper - numbers) / above)[:, high]])
+        return np.where(np.isfinite(numbers).all(axis=1)[:, None], room, -1.0) + WITHIN - self.reserve
 
     @cached_property
     def _sides(self) -> list[Array]:
@@ -158,9 +160,9 @@ class NotSteep(PoseCheck):
         scaled = ca.diag(1.0 / ca.DM(self.states)) @ fields @ ca.diag(ca.DM(self.inputs))
         return ca.sumsqr(scaled)
 
-    def slack(self, numbers: Array) -> Array:
+    def slacks(self, numbers: Array) -> Array:
         with np.errstate(all="ignore"):
-            return np.where(np.isfinite(numbers[:, 0]), 1.0 - np.sqrt(numbers[:, 0]) / self.most, -1.0)
+            return np.where(np.isfinite(numbers), 1.0 - np.sqrt(numbers) / self.most, -1.0)
 
 
 class PoseChecks:
@@ -169,21 +171,23 @@ class PoseChecks:
     def __init__(self, system: System, checks: Sequence[PoseCheck]) -> None:
         space = system.state_space
         self.system = system
-        self._ask(checks)
         a, tangent, s = ca.SX.sym("a", space.size), ca.SX.sym("delta", space.dimension), ca.SX.sym("s")
         columns = [ca.densify(ca.SX(check.expression(a))) for check in checks]
         edges = [0, *accumulate(column.numel() for column in columns)]
-        self._parts = [slice(*ends) for ends in pairwise(edges)]
+        self._numbers_of = [slice(*ends) for ends in pairwise(edges)]
         self._numbers = ca.Function("numbers", [a], [ca.cse(ca.vertcat(ca.SX(0, 1), *columns))])
         there = ca.densify(space.retract(a, s * tangent))
         self._between = ca.Function("between", [a, tangent, s], [there])
         b = ca.SX.sym("b", space.size)
         self._difference = ca.Function("difference", [b, a], [ca.densify(space.difference(b, a))])
+        self._ask(checks)
 
     def _ask(self, checks: Sequence[PoseCheck]) -> None:
         self.checks = tuple(checks)
         self.refusals = dict.fromkeys((check.name for check in checks), 0)
-        self.poses = 0  # looked at
+        each = self._each(np.zeros((1, self._numbers.numel_out())))
+        edges = [0, *accumulate(slacks.shape[1] for slacks in each)]
+        self._slacks_of = [slice(*ends) for ends in pairwise(edges)]
 
     def asking(self, checks: Sequence[PoseCheck]) -> PoseChecks:
         """The same of other checks on the same numbers; nothing is made anew."""
@@ -192,13 +196,17 @@ class PoseChecks:
         return other
 
     def slacks(self, poses: Array) -> Array:
-        """(k, checks) of poses (k, size)."""
-        self.poses += len(poses)
-        numbers = of_many(self._numbers, poses)
+        """(k, slacks) of poses (k, size), those of one check after the other's."""
+        return np.concatenate(self._each(of_many(self._numbers, poses)), axis=1)
+
+    def _each(self, numbers: Array) -> list[Array]:
+        """The slacks of each check."""
         with np.errstate(all="ignore"):
-            return np.stack(
-                [c.slack(numbers[:, p]) for c, p in zip(self.checks, self._parts, strict=True)], axis=1
-            )
+            return [c.slacks(numbers[:, p]) for c, p in zip(self.checks, self._numbers_of, strict=True)]
+
+    def least(self, slacks: Array) -> Array:
+        """Of each check the least of all poses, (checks,) of (k, slacks)."""
+        return np.array([slacks[:, part].min() for part in self._slacks_of])
 
     def valid(self, poses: Array) -> bool:
         """Whether each of the poses (k, size) is; what refuses it is counted."""
@@ -214,12 +222,13 @@ class PoseChecks:
         return of_many(self._between, np.tile(here, (k, 1)), np.tile(tangent, (k, 1)), fractions[:, None])
 
     def refuse(self, slacks: Array) -> bool:
-        """Whether one of the poses with these slacks (k, checks) is not valid; what says so is counted."""
-        worst = slacks.min(axis=0, initial=np.inf)
-        for check, least in zip(self.checks, worst, strict=True):
+        """Whether one of the poses with these slacks (k, slacks) is not valid; what says so is counted."""
+        if (slacks > 0).all():
+            return False
+        for check, least in zip(self.checks, self.least(slacks), strict=True):
             if not least > 0:
                 self.refusals[check.name] += 1
-        return not (worst > 0).all()
+        return True
 
 
 def pose_checks(problem: PlanningProblem, fraction: float, like: PoseChecks | None = None) -> PoseChecks:
@@ -240,7 +249,8 @@ def pose_checks(problem: PlanningProblem, fraction: float, like: PoseChecks | No
         checks.append(_not_steep(problem))
     within = [check for bound in problem.bounds if (check := Within(system, bound)).applies]
     if within:
-        ends = PoseChecks(system, within).slacks(np.stack([start, problem.goal_point])).min(axis=0)
+        bare = PoseChecks(system, within)
+        ends = bare.least(bare.slacks(np.stack([start, problem.goal_point])))
         spared = fraction * np.maximum(ends - WITHIN, 0.0)
         checks += [replace(check, reserve=float(part)) for check, part in zip(within, spared, strict=True)]
     return like.asking(checks) if like else PoseChecks(system, checks)

@@ -42,11 +42,28 @@ def vehicle(system):
     )
 
 
+def corridor():
+    """Posts that are thin beside the problem's scale, between walls that are nearer than they on most of the way."""
+    rest = {"x": 0.0, "y": 0.0, "theta": 0.0}
+    obstacles = [
+        {"half_plane": {"point": [0, 0.35], "normal": [0, -1]}},
+        {"half_plane": {"point": [0, -0.35], "normal": [0, 1]}},
+        *({"disc": {"centre": [x, y], "radius": 0.05}} for x, y in ((-4, 0.2), (1.5, -0.1), (5, 0))),
+    ]
+    system = nhpocp.Unicycle()
+    return nhpocp.PlanningProblem(
+        system=system, start=rest, goal={**rest, "x": 20.0}, obstacles=obstacles, bounds={"distance": 0.02}
+    )
+
+
 MAKERS = {
     "robot": robot,
     "unicycle": lambda: vehicle(nhpocp.Unicycle()),
     "car": lambda: vehicle(nhpocp.Car()),
+    "corridor": corridor,
 }
+# of the scales, how far poses lie from the start: most of a corridor is wall
+BESIDE = {"corridor": np.array([0.3, 0.01, 0.1])}
 
 
 @cache
@@ -61,19 +78,20 @@ def edge(name, numbers):
     problem, checks = task(name)
     space, scales = problem.system.state_space, problem.scales.states
     half = space.dimension
-    aside, along = np.resize(numbers[:6], half) * scales, np.resize(numbers[6:], half) * scales
+    aside, along = (np.resize(part, half) * scales * BESIDE.get(name, 1.0) for part in np.split(numbers, 2))
     here = np.asarray(space.retract(problem.start_point, aside))
     return checks, here, along, float(np.linalg.norm(along / scales))
 
 
+REACHES = st.sampled_from([1.0, 0.1, 0.02])  # the last of which are shorter than a step
 NUMBERS = st.lists(st.floats(-1, 1), min_size=12, max_size=12).map(np.array)
 
 
 @pytest.mark.parametrize("name", MAKERS)
 @settings(max_examples=30, deadline=None)
-@given(numbers=NUMBERS)
-def test_an_edge_that_is_free_has_no_invalid_pose(name, numbers):
-    checks, here, tangent, size = edge(name, numbers)
+@given(numbers=NUMBERS, reach=REACHES)
+def test_an_edge_that_is_free_has_no_invalid_pose(name, numbers, reach):
+    checks, here, tangent, size = edge(name, np.repeat([1.0, reach], 6) * numbers)
     if not free(checks, here, tangent, size):
         event("refused")
         return
@@ -100,3 +118,15 @@ def test_a_wall_thinner_than_a_step_is_seen():
     here[:2] = [0.0, 1.2]
     tangent = np.array([2.1, 0.0, 0.0])
     assert not free(checks, here, tangent, float(np.linalg.norm(tangent / problem.scales.states)))
+
+
+@pytest.mark.parametrize(
+    ("first", "length"), [(0.0, 20.0), (4.0, 1.9)], ids=["in a corridor", "on a short edge"]
+)
+def test_a_post_is_seen_however_near_the_walls_and_short_the_edge(first, length):
+    """Walls are as near at its either side as beside it, and the ends of a short edge are as far from it."""
+    problem, checks = task("corridor")
+    here, tangent = problem.start_point + np.array([first, 0, 0]), np.array([length, 0.0, 0.0])
+    size = float(np.linalg.norm(tangent / problem.scales.states))
+    assert (size < STEP) == (length < 2.0)
+    assert not free(checks, here, tangent, size)
