@@ -121,8 +121,10 @@ class Within(PoseCheck):
 
     @cached_property
     def applies(self) -> bool:
-        """Whether it is a quantity that no control changes."""
+        """Whether it has a limit, and is on a quantity that no control changes."""
         if self.bound.margin or self.bound.quantity == LEG_ACCELERATIONS:
+            return False
+        if not np.isfinite([*np.ravel(self.bound.lower), *np.ravel(self.bound.upper)]).any():
             return False
         state = ca.SX.sym("x", self.system.state_space.size)
         control = ca.SX.sym("u", self.system.input_space.size)

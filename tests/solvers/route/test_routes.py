@@ -138,6 +138,16 @@ def test_bounds_that_a_pose_can_break_are_checked_and_rates_are_not():
     assert checks.least(checks.slacks(high[None]))[2] == pytest.approx((60 - lengths.max()) / 60, abs=1e-3)
 
 
+@pytest.mark.parametrize("others", [{}, {"leg_length": [20, 60]}])
+def test_a_bound_that_is_open_on_both_sides_refuses_nothing(others):
+    problem = paper_problem(bounds={**others, "state": {"position": [None, None]}})
+    ends = np.stack([problem.start_point, problem.goal_point])
+    for fraction in (0.0, 0.2):
+        assert pose_checks(problem, fraction).valid(ends)
+        names = [check.name for check in pose_checks(problem, fraction).checks]
+        assert names[2:] == list(others)
+
+
 def test_routes_keep_a_part_of_what_start_and_goal_have_to_spare():
     problem = paper_problem(bounds={"leg_length": [20, 60]})
     ends = np.stack([problem.start_point, problem.goal_point])
