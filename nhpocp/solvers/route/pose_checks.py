@@ -121,14 +121,15 @@ class Within(PoseCheck):
 
     @cached_property
     def applies(self) -> bool:
-        """Whether it has a limit, and is on a quantity that no control changes."""
+        """Whether it has a limit, and is on numbers that no control changes."""
         if self.bound.margin or self.bound.quantity == LEG_ACCELERATIONS:
             return False
         if not np.isfinite([*np.ravel(self.bound.lower), *np.ravel(self.bound.upper)]).any():
             return False
         state = ca.SX.sym("x", self.system.state_space.size)
         control = ca.SX.sym("u", self.system.input_space.size)
-        return not ca.depends_on(self._value(state, control), control)
+        value = self._value(state, control)
+        return bool(value.numel()) and not ca.depends_on(value, control)
 
     def slacks(self, numbers: Array) -> Array:
         lower, upper, below, above = self._sides
