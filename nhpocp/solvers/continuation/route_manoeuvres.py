@@ -186,8 +186,10 @@ class RouteManoeuvres:
             return False
         part = replace(self._part, start=self._values(self.here))
         arrivals = arriving(self._solver, part, [self._last], MANY, interruption)
+        if not self._best(cheapest_first(arrivals)):
+            return False
         self._last = None
-        return self._best(cheapest_first(arrivals))
+        return True
 
     def _detour(self) -> bool:
         """Steps aside to a pose from which the rest of the route is in sight; whether there is one among some."""

@@ -81,3 +81,17 @@ def test_of_what_is_drawn_a_frugal_walk_takes_the_first_and_a_gentle_one_compare
     with Interruption() as interruption:
         assert walk._manoeuvre(0.5 * found.route.length, interruption)
     assert len(seen) == batches
+
+
+def test_a_walk_whose_last_manoeuvre_fails_has_not_arrived(problem, monkeypatch):
+    found = find_route(problem, 60.0, 0)
+    walk = RouteManoeuvres(problem, SOLVER, found.route, found.checks, 0)
+    monkeypatch.setattr(walk, "_last", np.zeros((3, problem.basis.size)))  # its route ends beside the goal
+    monkeypatch.setattr(walk, "walked", walk.route.length)
+    monkeypatch.setattr(walk, "_best", lambda controls: False)
+    for _ in range(2):
+        assert list(walk.walk()) == []
+        assert not walk.arrived
+    monkeypatch.setattr(walk, "_best", lambda controls: True)
+    assert list(walk.walk()) == []
+    assert walk.arrived
