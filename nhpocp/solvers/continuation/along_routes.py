@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -36,10 +36,19 @@ class Told(Protocol):
         ...
 
 
+class AlongRoute(NamedTuple):
+    """A way to the goal along a route."""
+
+    way: str  # in words
+    controls: list[Control]  # the manoeuvres
+    steps: int  # with which each is known to lead where it does
+    sketch: dict[str, Any]  # of the route, for pictures
+
+
 class AlongRoutes:
     """followed: whether there was a route. no_route: what is known of none, in words.
 
-    sketch: for pictures, of the last route, or of the trees where none was found.
+    sketch: for pictures of a failure, of the last route, or of the trees where none was found.
     """
 
     def __init__(self, search: Told, seconds: float, required: bool) -> None:
@@ -51,8 +60,8 @@ class AlongRoutes:
         self.followed, self.no_route = False, ""
         self.sketch: dict[str, Any] = {}
 
-    def ways(self) -> Iterator[tuple[str, list[Control], int]]:
-        """In words, the manoeuvres, and the steps with which each is known to lead where it does.
+    def ways(self) -> Iterator[AlongRoute]:
+        """Those that lead to the goal, as they are found.
 
         What ends short of the goal, or multiplies errors beyond what a replay can check, is noted. Errors: Ctrl-C's.
         """
@@ -83,7 +92,7 @@ class AlongRoutes:
         for fraction in manoeuvres.walk(patience):
             self._search.telling(f"manoeuvres along a route, {fraction:.0%} of it")
 
-    def _ended(self, manoeuvres: RouteManoeuvres) -> Iterator[tuple[str, list[Control], int]]:
+    def _ended(self, manoeuvres: RouteManoeuvres) -> Iterator[AlongRoute]:
         """Those that lead to the goal; others are noted."""
         count, ended = len(manoeuvres.controls), ""
         if manoeuvres.delicate:
@@ -95,7 +104,8 @@ class AlongRoutes:
             self._search.note(ended, "stagnated", error)
             return
         words = f"{count} manoeuvres in sequence" if count > 1 else "a manoeuvre"
-        yield f"{words} along a route", manoeuvres.controls, manoeuvres.steps
+        sketch = {"route": sketched_route(manoeuvres.whole)}
+        yield AlongRoute(f"{words} along a route", manoeuvres.controls, manoeuvres.steps, sketch)
 
     def _manoeuvres(self, seed: int, choice: Choice) -> RouteManoeuvres | None:
         """Along a route, if there is one."""

@@ -130,7 +130,7 @@ class _Search:
         return replace(
             best,
             records=self.records,
-            details={**best.details, "tried": self.tried, **unseen},
+            details={**unseen, **best.details, "tried": self.tried},
             solve_seconds=perf_counter() - began - best.build_seconds,
         )
 
@@ -202,9 +202,9 @@ class _Search:
 
     def _along_a_route(self) -> Iterator[tuple[str, ContinuationResult]]:
         """Manoeuvres along a route of poses, where there is one."""
-        for way, controls, steps in self.along_routes.ways():
+        for way, controls, steps, sketch in self.along_routes.ways():
             plan = self.joined.plan(controls, steps)
-            yield way, replace(plan, details={**plan.details, **self.along_routes.sketch})
+            yield way, replace(plan, details={**plan.details, **sketch})
 
     def telling(self, way: str) -> None:
         """Says what is being tried."""

@@ -79,7 +79,8 @@ class RouteManoeuvres:
         choice: Choice = GENTLE,
     ) -> None:
         """checks: what the manoeuvres' poses have to meet. seed: of the controls that are tried."""
-        self.problem, self.route, self.checks = problem, route, checks
+        self.problem, self.checks = problem, checks
+        self.whole = self.route = route  # as it was found, and what is left of it after detours
         self.controls: list[Control] = []
         self._choice = choice
         self.walked = 0.0  # of the route

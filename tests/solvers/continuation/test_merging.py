@@ -248,7 +248,7 @@ def test_other_routes_are_followed_for_less(steps_aside, monkeypatch):
     def two(self):
         self.followed = True
         for number in (1, 2):
-            yield f"4 manoeuvres in sequence, {number}, along a route", steps_aside, 0
+            yield f"4 manoeuvres in sequence, {number}, along a route", steps_aside, 0, {}
 
     monkeypatch.setattr(AlongRoutes, "ways", two)
     solution = planning.solve(aside(), Auto(replace(SOLVER, objective="effort"), route="always"))

@@ -1,6 +1,7 @@
 """Manoeuvres that multiply errors: how they are chosen, given up, and joined."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import goals
 import numpy as np
@@ -97,6 +98,7 @@ class Walked:
 
     def __init__(self, part, arrives):
         self.part, self._arrives = part, arrives
+        self.whole = SimpleNamespace(waypoints=np.full((2, 1), part))
 
     def walk(self, patience):
         self.arrived = self._arrives and patience == np.inf
@@ -124,8 +126,9 @@ def test_every_slow_route_is_followed_to_its_end_the_farthest_first(problem, mon
     walked = [Walked(0.9, False), Walked(0.5, True), *(Walked(0.1, False) for _ in range(ATTEMPTS - 2))]
     along = AlongRoutes(search, 1.0, required=False)
     monkeypatch.setattr(along, "_manoeuvres", lambda seed, _: walked[seed - SOLVER.seed])
-    (_, controls, _), *_ = along.ways()
-    assert controls is walked[1].controls
+    (way,) = along.ways()
+    assert way.controls is walked[1].controls
+    assert way.sketch == {"route": [[0.5], [0.5]]}  # not of the last that was found
     assert "90%" in search.notes[0]
 
 
