@@ -84,18 +84,19 @@ def find_route(
     Errors: `MissingDependencyError` where OMPL, needed for any but straight routes, is ``required`` and not installed.
     """
     ends, words, began = np.stack([problem.start_point, problem.goal_point]), "", thread_time()
-    loops, trees, bare = known_loops(problem), None, pose_checks(problem, 0.0)
+    loops, trees = known_loops(problem), None
     for level in STRAIGHT:
-        poses = _poses(problem, level, loops, bare)
+        poses = _poses(problem, level, loops)
         if poses.free(*ends):
             return _found(problem, Route(ends, poses), level, seed)
     if not required and not installed():
         return RouteSearch(words=f"around what is in the way of the straight motion, {MISSING}")
     for level in LEVELS:
-        poses = _poses(problem, level, loops, bare)
+        poses = _poses(problem, level, loops)
         if words := _ends_nowhere(problem, poses):
             continue
-        trees = grown(problem, poses, Allowed(level.share * seconds, level.edges, stopped), seed)
+        left = seconds - (thread_time() - began)
+        trees = grown(problem, poses, Allowed(min(level.share * seconds, left), level.edges, stopped), seed)
         if trees.waypoints is not None:
             return _found(problem, Route(trees.waypoints, poses), level, seed)
         words = _growth(problem, poses, trees, thread_time() - began)
@@ -104,9 +105,8 @@ def find_route(
     return RouteSearch(words=words, trees=trees)
 
 
-def _poses(problem: PlanningProblem, level: Level, loops: Loops | None, bare: PoseChecks) -> Poses:
-    checks = pose_checks(problem, level.clearance, bare)
-    return Poses(problem, checks, loops, level.most if loops else np.inf)
+def _poses(problem: PlanningProblem, level: Level, loops: Loops | None) -> Poses:
+    return Poses(problem, pose_checks(problem, level.clearance), loops, level.most if loops else np.inf)
 
 
 def _ends_nowhere(problem: PlanningProblem, poses: Poses) -> str:
@@ -121,7 +121,7 @@ def _ends_nowhere(problem: PlanningProblem, poses: Poses) -> str:
 
 def _found(problem: PlanningProblem, route: Route, level: Level, seed: int) -> RouteSearch:
     route = eased(route, np.random.default_rng(seed))
-    return RouteSearch(route, pose_checks(problem, KEPT * level.clearance, route.poses.checks))
+    return RouteSearch(route, pose_checks(problem, KEPT * level.clearance))
 
 
 def _growth(problem: PlanningProblem, poses: Poses, trees: Trees, seconds: float) -> str:

@@ -15,6 +15,7 @@ import numpy as np
 from nhpocp.arrays import Array
 from nhpocp.calls import call, of_many
 from nhpocp.constraints.bound import Bound, in_shape
+from nhpocp.kept import kept
 from nhpocp.objectives.quantity import quantity
 from nhpocp.problem import PlanningProblem
 from nhpocp.singular_values import svd
@@ -114,10 +115,16 @@ class Within(PoseCheck):
         return self.bound.label
 
     def expression(self, state: ca.SX) -> ca.SX:
-        return ca.vec(self._value(state, ca.SX.zeros(self.system.input_space.size)).T)
+        at, _, value = self._quantity
+        return ca.substitute(ca.vec(value.T), at, state)
 
-    def _value(self, state: ca.SX, control: ca.SX) -> ca.SX:
-        return ca.densify(ca.SX(quantity(self.system, self.bound.quantity, state, control)))
+    @cached_property
+    def _quantity(self) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """Of a symbolic state and control; many corners make it dear."""
+        state = ca.SX.sym("x", self.system.state_space.size)
+        control = ca.SX.sym("u", self.system.input_space.size)
+        value = quantity(self.system, self.bound.quantity, state, control)
+        return state, control, ca.densify(ca.SX(value))
 
     @cached_property
     def applies(self) -> bool:
@@ -126,10 +133,14 @@ class Within(PoseCheck):
             return False
         if not np.isfinite([*np.ravel(self.bound.lower), *np.ravel(self.bound.upper)]).any():
             return False
-        state = ca.SX.sym("x", self.system.state_space.size)
-        control = ca.SX.sym("u", self.system.input_space.size)
-        value = self._value(state, control)
+        _, control, value = self._quantity
         return bool(value.numel()) and not ca.depends_on(value, control)
+
+    def reserving(self, reserve: float) -> Within:
+        """With another reserve; what it knows of the quantity is kept."""
+        other = copy(self)
+        object.__setattr__(other, "reserve", reserve)
+        return other
 
     def slacks(self, numbers: Array) -> Array:
         lower, upper, below, above = self._sides
@@ -140,10 +151,7 @@ class Within(PoseCheck):
     @cached_property
     def _sides(self) -> list[Array]:
         """The limits and their sizes, one number a component."""
-        value = self._value(
-            ca.SX.sym("x", self.system.state_space.size), ca.SX.zeros(self.system.input_space.size)
-        )
-        shape = tuple(size for size in value.shape if size > 1)
+        shape = tuple(size for size in self._quantity[2].shape if size > 1)
         sides = self.bound.lower, self.bound.upper, *self.bound.sizes
         return [np.ravel(in_shape(side, shape)) for side in sides]
 
@@ -234,29 +242,35 @@ class PoseChecks:
         return True
 
 
-def pose_checks(problem: PlanningProblem, fraction: float, like: PoseChecks | None = None) -> PoseChecks:
+def pose_checks(problem: PlanningProblem, fraction: float) -> PoseChecks:
     """What the poses of a problem's motion have to meet.
 
     fraction: of what start and goal have to spare, the lesser of them, that is kept: from det = 0 and from the bounds.
-    like: those of another fraction.
     """
-    system, start = problem.system, problem.start_point
-    numeric = numeric_system(system)
+    bare, least = _bare(problem), least_margins(problem, fraction)
+    ends = bare.least(bare.slacks(np.stack([problem.start_point, problem.goal_point])))
+    spared = fraction * np.maximum(ends - WITHIN, 0.0)
     checks: list[PoseCheck] = []
-    least = least_margins(problem, fraction)
-    determinants = numeric.determinants(start[None])
-    for name in system.separating():
-        sign = float(np.sign(determinants[name][0]))
-        checks.append(OnOneSide(system, name, sign, least[name], problem.scale))
-    if not checks:
-        checks.append(_not_steep(problem))
+    for check, part in zip(bare.checks, spared, strict=True):
+        if isinstance(check, Within):
+            check = check.reserving(float(part))
+        elif isinstance(check, OnOneSide):
+            check = replace(check, least=least[check.matrix])
+        checks.append(check)
+    return bare.asking(checks)
+
+
+@kept(most=4)  # to make it is dear where obstacles have many corners
+def _bare(problem: PlanningProblem) -> PoseChecks:
+    """That keeps nothing of what start and goal have to spare."""
+    system, start = problem.system, problem.start_point
+    determinants, least = numeric_system(system).determinants(start[None]), least_margins(problem, 0.0)
+    checks: list[PoseCheck] = [
+        OnOneSide(system, name, float(np.sign(determinants[name][0])), least[name], problem.scale)
+        for name in system.separating()
+    ]
     within = [check for bound in problem.bounds if (check := Within(system, bound)).applies]
-    if within:
-        bare = PoseChecks(system, within)
-        ends = bare.least(bare.slacks(np.stack([start, problem.goal_point])))
-        spared = fraction * np.maximum(ends - WITHIN, 0.0)
-        checks += [replace(check, reserve=float(part)) for check, part in zip(within, spared, strict=True)]
-    return like.asking(checks) if like else PoseChecks(system, checks)
+    return PoseChecks(system, [*(checks or [_not_steep(problem)]), *within])
 
 
 def least_margins(problem: PlanningProblem, fraction: float) -> dict[str, float]:

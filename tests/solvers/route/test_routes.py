@@ -30,7 +30,7 @@ from nhpocp.solvers.route import easing
 from nhpocp.solvers.route import find_route as find_route_module
 from nhpocp.solvers.route.easing import eased
 from nhpocp.solvers.route.find_route import find_route, lacking
-from nhpocp.solvers.route.pose_checks import least_margins, pose_checks, signed_least
+from nhpocp.solvers.route.pose_checks import PoseChecks, least_margins, pose_checks, signed_least
 from nhpocp.solvers.route.route import LEAST, Poses, Route
 from nhpocp.solvers.route.rrt_connect import ROOM, Trees, _box
 from nhpocp.systems.numeric import numeric_system
@@ -333,6 +333,28 @@ def test_what_is_farther_than_anybody_looks_has_no_route(far, end):
     search = find_route(beyond, 0.05, seed=0)
     assert search.route is None
     assert search.words.startswith("no route")
+
+
+def test_the_checks_of_a_problem_are_built_once(monkeypatch):
+    built, init = [], PoseChecks.__init__
+    monkeypatch.setattr(PoseChecks, "__init__", lambda *given: built.append(1) or init(*given))
+    problem = paper_problem(bounds={"leg_length": [20, 60]})
+    for seed in (0, 1):
+        assert find_route(problem, 60.0, seed).route is not None
+    assert len(built) == 1
+
+
+def test_what_is_built_counts_among_the_seconds(bent, monkeypatch):
+    """Of 60, of which 50 have gone before the search: no more than 10 for any level."""
+    ends, allowed, times = np.stack([bent.start_point, bent.goal_point]), [], iter([0.0])
+    monkeypatch.setattr(find_route_module, "thread_time", lambda: next(times, 50.0))
+    monkeypatch.setattr(
+        find_route_module,
+        "grown",
+        lambda problem, poses, given, seed: allowed.append(given.seconds) or Trees(None, *ends[:, None]),
+    )
+    assert find_route(bent, 60.0, 0).route is None
+    assert allowed == [9.0, 10.0, 10.0, 10.0]
 
 
 def test_an_end_on_a_singular_surface_is_named_at_once():
