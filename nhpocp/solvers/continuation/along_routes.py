@@ -52,10 +52,7 @@ class AlongRoutes:
     """
 
     def __init__(self, search: Told, seconds: float, required: bool) -> None:
-        """seconds: for which a route is looked for, at most. required: whether OMPL is.
-
-        Errors: `MissingDependencyError` where it is and is not installed.
-        """
+        """seconds: for which a route is looked for, at most. required: whether OMPL is."""
         self._search, self._seconds, self._required = search, seconds, required
         self.followed, self.no_route = False, ""
         self.sketch: dict[str, Any] = {}
@@ -63,7 +60,8 @@ class AlongRoutes:
     def ways(self) -> Iterator[AlongRoute]:
         """Those that lead to the goal, as they are found.
 
-        What ends short of the goal, or multiplies errors beyond what a replay can check, is noted. Errors: Ctrl-C's.
+        What ends short of the goal, or multiplies errors beyond what a replay can check, is noted. Errors: Ctrl-C's;
+        `MissingDependencyError` where OMPL is required and not installed.
         """
         search = self._search
         if lacking(search.problem):

@@ -22,6 +22,7 @@ from nhpocp.state_space import Block
 
 MISSING = 'routes need OMPL; install it with: pip install "nhpocp[routes]"'
 RANGE = 1.0  # of the pose's scales: the longest edge of a tree
+MOST_SEED = 2**64 - 1  # that OMPL takes
 SELDOM = 8  # edges, after which the time is looked at
 ROOM = 2.0  # of its scale, beside start and goal: where a coordinate without bounds is looked for
 HALF_TURN = np.pi  # beside start and goal, likewise of an angle
@@ -86,7 +87,7 @@ def grown(problem: PlanningProblem, poses: Poses, allowed: Allowed, seed: int) -
     Errors: `MissingDependencyError` where OMPL is not installed.
     """
     base, geometric, util = _ompl()
-    util.RNG.setSeed(seed + 1)  # which is not to be 0
+    util.RNG.setSeed(seed % MOST_SEED + 1)  # which is not to be 0
     packing = _Packing(problem)
     space = packing.space(base)
     information = base.SpaceInformation(space)

@@ -89,6 +89,11 @@ def test_a_search_is_seeded(bent, bent_route):
     )
 
 
+@pytest.mark.parametrize("seed", [2**64 - 2, 2**64 - 1, 2**70])
+def test_a_search_takes_any_seed(bent, seed):
+    assert find_route(bent, 60.0, seed).route is not None
+
+
 TURN = st.floats(-1.5, 1.5)
 SHIFT = st.floats(-1.5, 1.5)
 
