@@ -22,7 +22,7 @@ from nhpocp.systems.car import Car
 from nhpocp.systems.numeric import numeric_system
 from nhpocp.systems.system import System
 from nhpocp.systems.three_upu import ThreeUPU
-from nhpocp.systems.unicycle import LENGTH, Unicycle
+from nhpocp.systems.unicycle import Unicycle
 
 COUNT = (3, 8)  # obstacles
 BLOCKING = 2  # of them that are looked for in the way of the straight motion
@@ -211,7 +211,7 @@ def _signs(system: System, pose: Array, apart: float) -> tuple[bool, ...] | None
 
 def _vehicle_world(random: np.random.Generator, number: int) -> World | None:
     system: System = Unicycle() if number % 4 == 1 else Car()
-    size = 2.0 * LENGTH if number % 4 == 1 else 1.5
+    size = 2.0 * system.width if isinstance(system, Unicycle) else 1.5
     bound, clearance = 0.1 * size, 0.15 * size
     start = {"x": 0.0, "y": 0.0, "theta": random.uniform(-np.pi, np.pi)}
     start |= {"phi": 0.0} if number % 4 == 3 else {}

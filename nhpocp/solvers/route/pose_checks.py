@@ -88,7 +88,7 @@ class OnOneSide(PoseCheck):
 def signed_least(matrix: ca.SX) -> ca.SX:
     """σ_min of a matrix (3 × 3) with the sign of its determinant, det M / (σ_1 σ_2), and no more than σ_2.
 
-    λ of MᵀM by the cosine formula, whose largest two are as exact as MᵀM is; of rank 1, what rounds is divided by it.
+    λ of MᵀM by the cosine formula, whose largest two are as exact as MᵀM is; of nearly rank 1 only to 2e-5 σ_1.
     """
     square = matrix.T @ matrix
     middle = ca.trace(square) / 3
