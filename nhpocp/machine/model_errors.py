@@ -113,7 +113,7 @@ def _inputs(system: System) -> list[str]:
 
 def _values(system: System) -> dict[str, Any]:
     """Every number that a machine may miss: parameters, and 1 for the gain of each input."""
-    kinds = {name: parameter.kind for name, parameter in system.declared.items()}
+    kinds = {name: parameter.kind for name, parameter in system.declared.items() if parameter.of_motion}
     given = {name: value for name, value in system.parameters().items() if kinds.get(name) in NUMBERS}
     return {**given, **dict.fromkeys(_inputs(system), 1.0)}
 

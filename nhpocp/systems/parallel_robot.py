@@ -42,9 +42,11 @@ LEG = {  # of a file, the fields of `Leg`
 }
 SIZES = {  # of bodies, for pictures and for distances
     "leg_radius": Parameter(
-        "positive", None, "of the legs; default: 0.07 of the platform's size", unit="length"
+        "positive", None, "of the legs; default: 0.07 of the platform's size", unit="length", of_motion=False
     ),
-    "thickness": Parameter("positive", None, "of base and platform; default: flat plates", unit="length"),
+    "thickness": Parameter(
+        "positive", None, "of base and platform; default: flat plates", unit="length", of_motion=False
+    ),
 }
 JOINTS = ("spheres", "universal joints")  # the points of a drawing
 

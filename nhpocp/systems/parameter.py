@@ -18,8 +18,8 @@ class Parameter:
     kind: "number", "positive", "integer", "numbers", "vector" (3,), "flag", "choice", … default: its value where none
     is given; ... where one has to be. meaning: a few words, without the unit. choices: of a "choice". unit: "length",
     "angle" [rad], or "" for none. replaces: names of parameters that it stands for. keys: the parameters of each of
-    several mappings, such as legs. Raises nothing; `checked(name, value)` raises `InvalidProblemError` for a value that
-    is none.
+    several mappings, such as legs. of_motion: whether the equations know it; False for sizes of bodies. Raises nothing;
+    `checked(name, value)` raises `InvalidProblemError` for a value that is none.
     """
 
     kind: Literal[
@@ -40,6 +40,7 @@ class Parameter:
     unit: Unit = ""
     replaces: tuple[str, ...] = ()  # parameters that it stands for: never given beside it
     keys: Mapping[str, Parameter] | None = None  # of each of several mappings, such as legs
+    of_motion: bool = True
 
     @property
     def described(self) -> str:

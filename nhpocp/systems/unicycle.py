@@ -26,7 +26,9 @@ class Unicycle(System):
 
     model: ClassVar[str] = "unicycle"
     declared: ClassVar[Mapping[str, Parameter]] = {
-        "width": Parameter("positive", 0.2, "of the body, which is 1.9 times as long", unit="length")
+        "width": Parameter(
+            "positive", 0.2, "of the body, which is 1.9 times as long", unit="length", of_motion=False
+        )
     }
     example: ClassVar[Mapping[str, Any]] = {  # sideways
         "start": {"x": 0, "y": 0, "theta": 0},

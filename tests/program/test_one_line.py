@@ -90,7 +90,7 @@ WRITTEN = [
     (nhpocp.Continuation(), "Continuation(step_rule=Euler(gamma=0.1))"),
     (nhpocp.MultipleShooting(20, seed=3), "MultipleShooting(intervals=20, seed=3)"),
     (nhpocp.RungeKutta4(50), "RungeKutta4(steps=50)"),
-    (nhpocp.Unicycle(), "Unicycle()"),
+    (nhpocp.Unicycle(), "Unicycle(width=0.2)"),
     (nhpocp.Heisenberg(scale=2), "Heisenberg(scale=2)"),
     (
         nhpocp.ThreeUPU(base_radius=20),

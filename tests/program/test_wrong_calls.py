@@ -114,7 +114,7 @@ CALLS = [  # what is written, and what the answer says
     (lambda _: Leg(base=["0", 0, 0], platform=[1, 0, 0]), "expected 3 numbers, got the text '0' among them"),
     (lambda _: Leg([0, 0, 0]), "Leg: missing a required argument: 'platform'"),
     (lambda _: Heisenberg(scael=2), "did you mean 'scale'"),
-    (lambda _: Unicycle(speed=1), "unknown parameter; unicycle has none"),
+    (lambda _: nhpocp.SuslovJoint(speed=1), "unknown parameter; suslov_joint has none"),
     (lambda _: RollingSphere(radius=[1]), "system.radius: expected a number, got a list of 1"),
     (lambda _: OrientingPlatform(r=[0, 1]), "r of a leg has 2 numbers; expected 3"),
     (lambda _: ThreeUPU().with_(radius=3), "ThreeUPU has no argument 'radius'; did you mean"),
