@@ -296,12 +296,13 @@ class PlanningProblem(ByValue, Frozen, Shown):
         scales, space = self.scales, self.system.state_space
         still, changed = np.zeros(self.system.input_space.size), []
         try:
-            here = np.asarray(self.system.quantity(name, self.start_point, still), dtype=float)
-            for step in NUDGE * np.diag(scales.states):
-                moved = np.asarray(space.retract(self.start_point, step))
-                changed.append(self.system.quantity(name, moved, still) - here)
-            for step in NUDGE * np.diag(scales.inputs):
-                changed.append(self.system.quantity(name, self.start_point, step) - here)
+            with np.errstate(all="ignore"):  # as of a leg along its own axis w4
+                here = np.asarray(self.system.quantity(name, self.start_point, still), dtype=float)
+                for step in NUDGE * np.diag(scales.states):
+                    moved = np.asarray(space.retract(self.start_point, step))
+                    changed.append(self.system.quantity(name, moved, still) - here)
+                for step in NUDGE * np.diag(scales.inputs):
+                    changed.append(self.system.quantity(name, self.start_point, step) - here)
         except np.linalg.LinAlgError:  # it has no size where the machine is singular
             return 1.0
         size = np.abs(np.array(changed, dtype=float)).sum(axis=0).max(initial=0.0) / NUDGE

@@ -522,9 +522,9 @@ def problems(draw) -> PlanningProblem:
         Bound("leg_length", "leg_lengths", 20, 60),
         Bound("control", "v", low, [a + b for a, b in zip(low, width, strict=True)]),
         Bound("state.position", "position", -np.inf, np.array([1.0, 2.0, np.inf])),
-        Bound("clearance.sigma_s", "sigma_s", 0.05),
-        Bound("clearance.sigma_w", "sigma_w", 0.05),
     ]
+    clearance = [Bound(f"clearance.{name}", name, 0.05) for name in ("sigma_s", "sigma_w")]  # only together
+    clearance = clearance if draw(st.booleans()) else []
     pose = {"position": draw(vectors), "orientation": so3.exp(np.array(draw(vectors)) / 40)}
     goal = {"position": draw(vectors), "orientation": so3.exp(np.array(draw(vectors)) / 40)}
     kept = draw(st.sampled_from([("position",), ("orientation",), ("position", "orientation")]))
@@ -540,7 +540,7 @@ def problems(draw) -> PlanningProblem:
         objective=draw(st.sampled_from(["effort", "path_length"])),
         error_length=draw(st.floats(0.1, 10)),
         length_scale=draw(st.none() | st.floats(0.1, 10)),
-        bounds=draw(st.lists(st.sampled_from(bounds), unique_by=lambda bound: bound.label)),
+        bounds=[*draw(st.lists(st.sampled_from(bounds), unique_by=lambda bound: bound.label)), *clearance],
         samples=draw(st.integers(2, 500)),
         pictures=draw(st.booleans()),
         reference=draw(st.sampled_from([{}, {"jacobian": {"effort": 3.0}, "source": "a: # \u2028 'b'"}])),

@@ -41,7 +41,8 @@ def test_it_is_right_for_reader_and_editor_and_so_is_every_key_in_it(model, edit
         assert re.search(rf"^ *#? ?{name}: ", text, re.MULTILINE), name
     used, count = OPTION.subn(uncommented, text)
     assert count >= 25
-    assert read_text(used).warnings == []
+    alone = [words for words in read_text(used).warnings if not words.startswith("obstacles: nothing asks")]
+    assert alone == []  # a distance, which comes after, is beside them in a comment
     editor.validate(parse(used).data)
 
 

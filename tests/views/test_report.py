@@ -72,7 +72,7 @@ def both() -> Comparison:
         good(),
         solver="nlp",
         outcome=Outcome.NOT_VERIFIED,
-        message="E = 0.5 above the tolerance.",
+        message=f"E = 0.5 is above 1e-06. {Outcome.NOT_VERIFIED.advice}",
         verdict=Verdict(0.5, False, "by hand", ["E = 0.5 is above 1e-06"]),
         settings={"intervals": 50, "plugin": "ipopt"},
         details={

@@ -153,15 +153,6 @@ def test_a_bound_that_is_open_on_both_sides_refuses_nothing(others):
         assert names[2:] == list(others)
 
 
-def test_a_bound_on_the_distance_of_no_bodies_refuses_nothing():
-    rest = {"x": 0.0, "y": 0.0, "theta": 0.0}
-    alone = Bound("distance", "distance", 0.1)
-    problem = nhpocp.PlanningProblem(
-        system=nhpocp.Unicycle(), start=rest, goal={**rest, "x": 3.0}, bounds=[alone]
-    )
-    assert pose_checks(problem, 0.2).valid(problem.start_point[None])
-
-
 def test_routes_keep_a_part_of_what_start_and_goal_have_to_spare():
     problem = paper_problem(bounds={"leg_length": [20, 60]})
     ends = np.stack([problem.start_point, problem.goal_point])
