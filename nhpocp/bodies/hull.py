@@ -198,10 +198,8 @@ def _standing_out(hull: Any) -> Array:
     for k in hull.vertices:
         others = kept[kept != k]
         rows = np.vstack([(points[others] - points[k]).T, np.ones(len(others))])
-        _, away = nnls(
-            rows, np.eye(len(rows))[-1]
-        )  # [Lawson & Hanson, ch. 23]; of what is near, how far it is
-        if away < FLAT:
+        _, away = nnls(rows, np.eye(len(rows))[-1])  # [Lawson & Hanson, ch. 23]
+        if away < FLAT:  # how far it is, of what is near
             kept = others
     return kept
 

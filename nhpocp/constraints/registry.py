@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from operator import attrgetter
 from typing import Any
@@ -58,11 +59,7 @@ def _asked(kind: ConstraintKind, value: Any, system: System) -> list[Bound]:
     """What the value of one kind asks for. Errors: as `bounds_of`, their paths inside the value."""
     if words := kind.lacking(system):
         raise InvalidProblemError(words, at_key=True)
-    if kind.names and isinstance(value, Mapping):
-        unknown = [str(name) for name in value if name not in kind.names]
-        refuse(
-            [InvalidProblemError("unknown key", path=name, word=name, known=kind.names) for name in unknown]
-        )
+    kind.refuse_unknown(value)
     value = as_written(value, kind.shape, kind.side)
     if words := kind.misfit(value, system):
         raise InvalidProblemError(words)
@@ -96,18 +93,12 @@ def block_of(bounds: Sequence[Bound], system: System) -> dict[str, Any]:
 
 def _value_of(kind: ConstraintKind, bounds: Sequence[Bound], system: System) -> Any:
     """The value of a key, which asks for these bounds and for nothing else."""
-    try:
+    with suppress(
+        InvalidProblemError, LookupError, TypeError, ValueError
+    ):  # for what it has no word, it trips over
         value = kind.value(bounds, system)
-        if _same(bounds_of({kind.key: value}, system), bounds):
+        if _same(_asked(kind, value, system), bounds):
             return value
-    except (
-        ArithmeticError,
-        LookupError,
-        TypeError,
-        ValueError,
-    ) as error:  # what no kind has words for, it trips over
-        if isinstance(error, InvalidProblemError):
-            raise
     words = f"a problem file has no word for {' and '.join(map(repr, bounds))} under `{kind.key}`"
     raise InvalidProblemError(f"{words}; write bounds as that key makes them", path="constraints")
 

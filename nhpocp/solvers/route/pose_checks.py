@@ -128,13 +128,13 @@ class Within(PoseCheck):
 
     @cached_property
     def applies(self) -> bool:
-        """Whether it has a limit, and is on numbers that no control changes."""
+        """Whether it has a limit, and is on a quantity that no control changes."""
         if self.bound.margin or self.bound.quantity == LEG_ACCELERATIONS:
             return False
         if not np.isfinite([*np.ravel(self.bound.lower), *np.ravel(self.bound.upper)]).any():
             return False
         _, control, value = self._quantity
-        return bool(value.numel()) and not ca.depends_on(value, control)
+        return not ca.depends_on(value, control)
 
     def reserving(self, reserve: float) -> Within:
         """With another reserve; what it knows of the quantity is kept."""
